@@ -1,0 +1,72 @@
+//! The command line of cli.md: what is typed becomes a resolved configuration, and each command calls one part of the
+//! library. No algorithms here.
+//!
+//! Results go to standard output, diagnostics to standard error. Exit codes: 0 done, 1 a check said no, 2 bad usage,
+//! bad input or I/O. A broken pipe exits 0.
+
+pub mod args;
+mod cmd;
+
+use std::ffi::OsString;
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// A renderer for volumes larger than GPU memory.
+#[derive(Debug, Parser)]
+#[command(
+    name = "brickscope",
+    version,
+    about,
+    max_term_width = 110,
+    disable_help_subcommand = true
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {}
+
+/// Parses `argv` (with the program's name), runs the command, reports errors, and returns the exit code.
+pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
+    tracing_subscriber::fmt()
+        .with_env_filter(
+            tracing_subscriber::EnvFilter::try_from_env("BRICKSCOPE_LOG")
+                .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error")),
+        )
+        .with_writer(io::stderr)
+        .init();
+    // Failing to install the handler only means that Ctrl-C leaves a temporary file behind.
+    let _ = ctrlc::set_handler(|| {
+        crate::outfile::remove_unfinished();
+        std::process::exit(130);
+    });
+    let cli = match Cli::try_parse_from(argv) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Clap prints help to stdout (exit 0) and usage errors to stderr (exit 2).
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    let result: anyhow::Result<ExitCode> = match cli.command {};
+    match result.and_then(|code| io::stdout().flush().map(|()| code).map_err(Into::into)) {
+        Ok(code) => code,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            let _ = writeln!(io::stderr(), "brickscope: error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// True when the reader of our standard output went away: not an error (cli.md).
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|e| {
+        e.downcast_ref::<io::Error>()
+            .is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+    })
+}
