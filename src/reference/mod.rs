@@ -1,1 +1,12 @@
-//! (being built)
+//! The CPU renderer: the twin of the GPU caster, written for clarity. It is the oracle of the tests and `--device cpu`.
+//!
+//! It never imports `gpu`, has no bounding mesh and no skipping, and reads the *interior* of bricks only: every tap
+//! goes to the brick that owns the voxel. So whatever borders, block ranges, occupancy, mesh and atlas do on the GPU,
+//! this renderer can't share their mistakes.
+
+mod caster;
+mod field;
+mod shade;
+
+pub use caster::{ReferencePicture, render};
+pub use field::VoxelField;

@@ -1,1 +1,21 @@
-//! (being built)
+//! What a picture is, before anyone draws it: settings, the sample grid of a frame, and the classification made ready
+//! for a mode and a step.
+//!
+//! Both renderers (`render` on the GPU, `reference` on the CPU) draw from these very values, so that they can differ in
+//! nothing but arithmetic. No drawing here, no GPU, no voxels. Keeps invariant 1 of design.md: sample positions depend
+//! on the ray and the step alone ([`RayFrame`]).
+
+mod classified;
+mod frame;
+mod image;
+mod settings;
+mod stats;
+
+pub use classified::{Classified, SceneError, default_window};
+pub use frame::{RayFrame, volume_bounds};
+pub use image::Image;
+pub use settings::{
+    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, Shading, ShadingModel,
+    Technique,
+};
+pub use stats::{PictureStats, RayCounts};

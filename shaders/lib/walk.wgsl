@@ -1,0 +1,132 @@
+// From active block to active block along a ray: a DDA over bricks and, inside mixed bricks, over 4³ blocks
+// (design.md §6). Yields runs of samples; the segments between runs pass inactive blocks only (invariant 4).
+//
+// A block's range covers half a voxel beyond its faces (6³ voxels), so that rounding in the DDA, far below half a voxel,
+// can only skip what another block's range has shown to be invisible.
+
+struct Walk {
+    // Searched up to here, and to be searched up to there, in samples.
+    at: f32,
+    end: f32,
+    // The 4³ block at `at`, in blocks of the level.
+    block: vec3i,
+    // The current run of samples, both inclusive.
+    first: i32,
+    last: i32,
+    // No sample before this one remains to be taken.
+    next: i32,
+    skipped: u32,
+}
+
+fn walk_block_at(ray: Ray, at: f32) -> vec3i {
+    return (frame.anchor.xyz + vec3i(floor(ray_offset(ray, at)))) >> vec3u(BLOCK_SHIFT);
+}
+
+// `interval`: the part of the ray that the bounding mesh leaves, in samples.
+fn walk_begin(ray: Ray, interval: vec2f) -> Walk {
+    var walk: Walk;
+    walk.at = max(f32(ray.first), interval.x);
+    walk.end = min(f32(ray.last), interval.y);
+    walk.next = ray.first;
+    walk.first = ray.first;
+    walk.last = ray.last;
+    let last = vec3i(frame.level_bricks.xyz * BLOCKS_PER_EDGE) - 1;
+    walk.block = clamp(walk_block_at(ray, walk.at), vec3i(0), last);
+    return walk;
+}
+
+// Where the ray leaves the box of `size` voxels whose least corner is `corner` (level voxels), and by which axis.
+struct WalkExit {
+    at: f32,
+    axis: vec3<bool>,
+}
+
+fn walk_exit(ray: Ray, corner: vec3i, size: i32) -> WalkExit {
+    let far = vec3f(corner + select(vec3i(0), vec3i(size), ray.step > vec3f(0.0)) - frame.anchor.xyz);
+    let t = (far - ray.base) * ray.inverse_step;
+    let at = min(min(t.x, t.y), t.z);
+    // Exactly one axis: the first of equals.
+    let x = t.x == at;
+    let y = !x && t.y == at;
+    return WalkExit(at, vec3<bool>(x, y, !x && !y));
+}
+
+fn walk_activity(brick: vec3i) -> u32 {
+    let index = u32((brick.z * i32(frame.level_bricks.y) + brick.y) * i32(frame.level_bricks.x) + brick.x);
+    return (brick_activity[index >> 4u] >> ((index & 15u) * 2u)) & 3u;
+}
+
+// Crosses brick `brick` as a whole.
+fn walk_cross_brick(ray: Ray, walk: ptr<function, Walk>, brick: vec3i) {
+    let exit = walk_exit(ray, brick * i32(BRICK_EDGE), i32(BRICK_EDGE));
+    let direction = select(vec3i(-1), vec3i(1), ray.step > vec3f(0.0));
+    let low = brick * i32(BLOCKS_PER_EDGE);
+    let high = low + i32(BLOCKS_PER_EDGE) - 1;
+    // On the axes that stay, the block is where the ray is; on the axis that leaves, the neighbour's first block.
+    let inside = clamp(walk_block_at(ray, exit.at), low, high);
+    let beyond = select(low - 1, high + 1, direction > vec3i(0));
+    (*walk).block = select(inside, beyond, exit.axis);
+    (*walk).at = max((*walk).at, exit.at);
+}
+
+// Finds the next run; false when there is none. The caller takes samples walk.first ..= walk.last.
+fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
+    let direction = select(vec3i(-1), vec3i(1), ray.step > vec3f(0.0));
+    let bricks = vec3i(frame.level_bricks.xyz);
+    loop {
+        if (*walk).at > (*walk).end {
+            return false;
+        }
+        let brick = (*walk).block >> vec3u(BLOCKS_SHIFT);
+        if any(brick < vec3i(0)) || any(brick >= bricks) {
+            return false;
+        }
+        let activity = walk_activity(brick);
+        if activity == BRICK_EMPTY {
+            walk_cross_brick(ray, walk, brick);
+            continue;
+        }
+        let entry = (*walk).at;
+        if activity == BRICK_FULL {
+            walk_cross_brick(ray, walk, brick);
+            walk_take(ray, walk, entry);
+            return true;
+        }
+        // A mixed brick has a slot; its occupancy lies by the slot's linear number.
+        let slot = brick_word(brick) & PAYLOAD_MASK;
+        let row = ((slot >> 20u) * frame.atlas_slots.y + ((slot >> 10u) & 1023u)) * frame.atlas_slots.x + (slot & 1023u);
+        var started = -1.0;
+        loop {
+            let in_brick = (*walk).block & vec3i(i32(BLOCKS_PER_EDGE) - 1);
+            let bit = u32(in_brick.x + i32(BLOCKS_PER_EDGE) * (in_brick.y + i32(BLOCKS_PER_EDGE) * in_brick.z));
+            let active = ((occupancy[row * 16u + (bit >> 5u)] >> (bit & 31u)) & 1u) != 0u;
+            if active {
+                if started < 0.0 {
+                    started = (*walk).at;
+                }
+            } else if started >= 0.0 {
+                break;
+            }
+            let exit = walk_exit(ray, (*walk).block * i32(BLOCK_EDGE), i32(BLOCK_EDGE));
+            (*walk).block += select(vec3i(0), direction, exit.axis);
+            (*walk).at = max((*walk).at, exit.at);
+            if any(((*walk).block >> vec3u(BLOCKS_SHIFT)) != brick) || (*walk).at > (*walk).end {
+                break;
+            }
+        }
+        if started >= 0.0 {
+            walk_take(ray, walk, started);
+            return true;
+        }
+    }
+    return false;
+}
+
+// Makes [entry, walk.at] the current run: from sample ⌊entry⌋ to ⌈at⌉ (invariant 4), none taken twice.
+fn walk_take(ray: Ray, walk: ptr<function, Walk>, entry: f32) {
+    let first = max((*walk).next, i32(floor(entry)));
+    (*walk).skipped += u32(first - (*walk).next);
+    (*walk).first = first;
+    (*walk).last = min(i32(ceil((*walk).at)), ray.last);
+    (*walk).next = max(first, (*walk).last + 1);
+}

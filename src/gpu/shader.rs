@@ -1,0 +1,142 @@
+//! Shaders as ordered lists of parts: `include_str!`ed WGSL files and one generated part, concatenated.
+//!
+//! WGSL's module scope has no order, so no dependency solver is needed, and every file stays plain WGSL. `DUMP_WGSL=DIR`
+//! writes the assembled sources. Errors are reported by file and line of the part, not of the assembly.
+
+use std::fmt::Write;
+
+use super::{GpuContext, GpuError, layout};
+
+/// One file of a shader.
+#[derive(Clone, Copy, Debug)]
+pub struct Part {
+    /// Path from the crate's root.
+    pub path: &'static str,
+    /// Its text.
+    pub text: &'static str,
+}
+
+macro_rules! part {
+    ($path:literal) => {
+        Part { path: concat!("shaders/", $path), text: include_str!(concat!("../../shaders/", $path)) }
+    };
+}
+
+/// A shader by its parts.
+#[derive(Clone, Copy, Debug)]
+pub struct ShaderSource {
+    /// Name, for labels and dumps.
+    pub name: &'static str,
+    /// Its parts, in the order of assembly.
+    pub parts: &'static [Part],
+}
+
+const TYPES: Part = part!("lib/types.wgsl");
+const FRAME: Part = part!("bind/frame.wgsl");
+const VOLUME: Part = part!("bind/volume.wgsl");
+const RAY: Part = part!("lib/ray.wgsl");
+const BRICK: Part = part!("lib/brick.wgsl");
+const SAMPLE: Part = part!("lib/sample.wgsl");
+const EXACT: Part = part!("lib/exact.wgsl");
+const CLASSIFY: Part = part!("lib/classify.wgsl");
+const SHADE: Part = part!("lib/shade.wgsl");
+const INTERVAL: Part = part!("lib/interval.wgsl");
+const WALK: Part = part!("lib/walk.wgsl");
+const RAYCAST: Part = part!("pass/raycast.wgsl");
+
+/// The depth raster of the bounding mesh.
+pub const BOUNDS: ShaderSource =
+    ShaderSource { name: "bounds", parts: &[TYPES, FRAME, part!("pass/bounds.wgsl")] };
+
+/// The caster on a filterable atlas.
+pub const RAYCAST_FILTERED: ShaderSource = ShaderSource {
+    name: "raycast_filtered",
+    parts: &[
+        TYPES, FRAME, VOLUME, part!("bind/atlas_filtered.wgsl"), RAY, BRICK, SAMPLE, CLASSIFY, SHADE, INTERVAL, WALK,
+        RAYCAST,
+    ],
+};
+
+/// The caster with interpolation by hand, on float and normalised formats.
+pub const RAYCAST_FLOAT: ShaderSource = ShaderSource {
+    name: "raycast_float",
+    parts: &[
+        TYPES, FRAME, VOLUME, part!("bind/atlas_float.wgsl"), EXACT, RAY, BRICK, SAMPLE, CLASSIFY, SHADE, INTERVAL,
+        WALK, RAYCAST,
+    ],
+};
+
+/// The caster with interpolation by hand, on `R16Uint`.
+pub const RAYCAST_UINT: ShaderSource = ShaderSource {
+    name: "raycast_uint",
+    parts: &[
+        TYPES, FRAME, VOLUME, part!("bind/atlas_uint.wgsl"), EXACT, RAY, BRICK, SAMPLE, CLASSIFY, SHADE, INTERVAL,
+        WALK, RAYCAST,
+    ],
+};
+
+/// Every shader, for the tests.
+pub const ALL: &[ShaderSource] = &[BOUNDS, RAYCAST_FILTERED, RAYCAST_FLOAT, RAYCAST_UINT];
+
+/// An assembled shader and where its lines come from.
+#[derive(Debug)]
+pub struct Assembled {
+    /// The text for the compiler.
+    pub text: String,
+    /// First line (1-based) of each part in `text`.
+    first_lines: Vec<(u32, &'static str)>,
+}
+
+impl ShaderSource {
+    /// Joins the generated constants and the parts.
+    pub fn assemble(&self) -> Assembled {
+        let mut text = layout::constants_wgsl();
+        let mut first_lines = vec![(1, "generated constants")];
+        for part in self.parts {
+            first_lines.push((text.lines().count() as u32 + 1, part.path));
+            text.push_str(part.text);
+            if !text.ends_with('\n') {
+                text.push('\n');
+            }
+        }
+        Assembled { text, first_lines }
+    }
+
+    /// Compiles the shader on the device.
+    ///
+    /// # Errors
+    /// The device refuses it; the message names file and line.
+    pub fn compile(&self, gpu: &GpuContext) -> Result<wgpu::ShaderModule, GpuError> {
+        let assembled = self.assemble();
+        if let Some(folder) = std::env::var_os("DUMP_WGSL") {
+            let path = std::path::Path::new(&folder).join(format!("{}.wgsl", self.name));
+            if let Err(error) = std::fs::write(&path, &assembled.text) {
+                tracing::warn!("DUMP_WGSL: cannot write {}: {error}", path.display());
+            }
+        }
+        let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(self.name),
+            source: wgpu::ShaderSource::Wgsl(assembled.text.as_str().into()),
+        });
+        if let Some(error) = pollster::block_on(scope.pop()) {
+            let mut reason = error.to_string();
+            let info = pollster::block_on(module.get_compilation_info());
+            for message in info.messages {
+                if let Some(at) = message.location {
+                    let _ = write!(reason, "\n{}", assembled.place(at.line_number));
+                }
+            }
+            return Err(GpuError::Device { doing: "compiling a shader", reason });
+        }
+        Ok(module)
+    }
+}
+
+impl Assembled {
+    /// `shaders/lib/brick.wgsl:17` for a line of the assembly.
+    pub fn place(&self, line: u32) -> String {
+        let (first, path) = self.first_lines.iter().rev().find(|(first, _)| *first <= line).unwrap_or(&(1, "?"));
+        format!("{path}:{}", line - first + 1)
+    }
+}

@@ -1,0 +1,47 @@
+//! The numbers of a picture, as `--stats` prints them (cli.md).
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+/// What rays did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RayCounts {
+    /// Samples taken along rays (not those of gradients or refinement).
+    pub samples: u64,
+    /// Samples inside the volume that skipping saved; those behind a terminated ray don't count.
+    pub skipped: u64,
+}
+
+/// The keys of `--stats`, in cli.md's meaning; `None` where not applicable.
+#[derive(Clone, Debug, Default, Serialize)]
+#[expect(missing_docs, reason = "the names are the contract of cli.md")]
+pub struct PictureStats {
+    pub device: String,
+    pub adapter: Option<String>,
+    pub driver: Option<String>,
+    pub version: String,
+    pub wall_ms: f64,
+    pub first_complete_ms: Option<f64>,
+    pub converged_ms: Option<f64>,
+    pub converged: bool,
+    pub passes_ms: Option<BTreeMap<String, f64>>,
+    pub rays: u64,
+    pub samples: u64,
+    pub samples_skipped: u64,
+    pub bricks_visible: Option<u64>,
+    pub bricks_requested: Option<u64>,
+    pub bricks_read: Option<u64>,
+    pub bricks_uploaded: Option<u64>,
+    pub bricks_evicted: Option<u64>,
+    pub bricks_touched: Option<u64>,
+    pub bytes_read: Option<u64>,
+    pub bytes_decompressed: Option<u64>,
+    pub bytes_uploaded: Option<u64>,
+    pub atlas_slots: Option<u64>,
+    pub atlas_bytes: Option<u64>,
+    pub gpu_bytes: Option<u64>,
+    pub mesh_triangles: Option<u64>,
+    /// The level that was drawn.
+    pub lod: u8,
+}
