@@ -11,9 +11,15 @@
 
 mod color;
 mod curve;
+mod lut;
+mod occupancy;
 mod transfer;
+mod visibility;
 
 pub use curve::{
     ColorCurve, ColorPoint, ColorSpace, CurveError, MAX_POINTS, OpacityCurve, OpacityPoint,
 };
+pub use lut::{LUT_ENTRIES, Lut, OpacityCorrection};
+pub use occupancy::Occupancy;
 pub use transfer::{TransferFunction, grey_ramp, window_range};
+pub use visibility::{IsoValues, OpacityTable, Visibility};
