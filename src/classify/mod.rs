@@ -1,1 +1,25 @@
-//! (being built)
+//! What a value looks like: transfer functions, presets, the table that shaders read, and which values can be seen.
+//!
+//! Pure maths on plain arrays: no textures, no files of volumes, no bricks beyond the 512 bits of an [`Occupancy`].
+//! Curves are in *physical* units (HU for CT); tables and ranges are in *stored* values, the ones in bricks.
+//!
+//! Colours are display values, as VTK and ParaView treat them: no gamma or sRGB conversion anywhere. Opacity holds per
+//! opacity unit of length and is corrected when a table is baked (cli.md, "Colour").
+//!
+//! Visibility is judged on the very table that is rendered with, outward by one entry, so that skipping what is
+//! invisible never changes a picture (design.md §2, invariant 4).
+
+mod color;
+mod curve;
+mod lut;
+mod occupancy;
+mod transfer;
+mod visibility;
+
+pub use curve::{
+    ColorCurve, ColorPoint, ColorSpace, CurveError, MAX_POINTS, OpacityCurve, OpacityPoint,
+};
+pub use lut::{LUT_ENTRIES, Lut, OpacityCorrection};
+pub use occupancy::Occupancy;
+pub use transfer::{TransferFunction, grey_ramp, window_range};
+pub use visibility::{IsoValues, OpacityTable, Visibility};
