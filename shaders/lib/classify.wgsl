@@ -1,7 +1,7 @@
 // Colour (straight) and opacity of a stored value: the table of classify::Lut, linear between entries.
 
 fn classify_value(value: f32) -> vec4f {
-    let x = clamp(value * frame.lut_scale + frame.lut_bias, 0.0, frame.lut_last);
+    let x = clamp((value - frame.lut_lo) * frame.lut_scale, 0.0, frame.lut_last);
     let low = min(floor(x), frame.lut_last - 1.0);
     let f = x - low;
     let i = u32(low);

@@ -44,9 +44,9 @@ struct FrameUniforms {
     // What the raster may be off, in samples: one block diagonal.
     slack: f32,
     iso: f32,
-    // Table index = stored value · lut_scale + lut_bias, in [0, lut_last].
+    // Table index = (stored value - lut_lo) · lut_scale, in [0, lut_last].
     lut_scale: f32,
-    lut_bias: f32,
+    lut_lo: f32,
     lut_last: f32,
     // Stored value = texel · value_scale.
     value_scale: f32,

@@ -64,7 +64,7 @@ shared! {
         slack: f32,
         iso: f32,
         lut_scale: f32,
-        lut_bias: f32,
+        lut_lo: f32,
         lut_last: f32,
         value_scale: f32,
         value_floor: f32,

@@ -1,1 +1,14 @@
-//! (being built)
+//! The GPU renderer: what is resident, the passes of a frame, and pictures tile by tile.
+//!
+//! No windows, no command line, no disk: bricks come decoded, in an upload plan. Sampling, classification and light are
+//! in `shaders/`; this module gives them their data. Keeps invariants 1 and 4 of design.md together with `scene` and
+//! `pager`: what must be equal to the bit is switched by uniforms in one pipeline.
+
+mod frame;
+mod offscreen;
+mod passes;
+mod residency;
+
+pub use frame::FrameInputs;
+pub use offscreen::{OffscreenPicture, Renderer, TILE_EDGE};
+pub use residency::{LevelState, Residency, SampleFilter};

@@ -52,15 +52,18 @@ impl Classified {
             Mode::Iso | Mode::Mip => OpacityCorrection::None,
         };
         let rescale = meta.rescale;
-        let domain = [f64::from(meta.value_min), f64::from(meta.value_max)];
-        let lut = Lut::bake(&classification.transfer, (rescale.slope, rescale.intercept), domain, correction);
+        let data = [meta.value_min, meta.value_max];
+        let line = (rescale.slope, rescale.intercept);
+        let domain = Lut::fitted_domain(&classification.transfer, line, data.map(f64::from));
+        let lut = Lut::bake(&classification.transfer, line, domain, correction);
         let (visibility, iso_stored) = match settings.mode {
             Mode::Dvr => (Visibility::opacity(&lut), 0.0),
             Mode::Mip => (Visibility::AboveMinimum { floor: meta.value_min }, 0.0),
             Mode::Iso => {
                 let iso = classification.iso.ok_or(SceneError::NoIsoValue)?;
-                let stored = rescale.stored(iso.value) as f32;
-                (Visibility::iso(&[stored], domain), stored)
+                // A hair below the value, so that a flat region of exactly that value is inside whatever rounding does.
+                let stored = (rescale.stored(iso.value) - f64::from(data[1] - data[0]) * 1e-6) as f32;
+                (Visibility::iso(&[stored], data), stored)
             }
         };
         Ok(Self { lut, visibility, iso_stored })

@@ -99,7 +99,8 @@ impl RayFrame {
     /// # Errors
     /// The camera is degenerate, or rays would have more than 2³⁰ samples.
     pub fn new(camera: &Camera, size: [u32; 2], params: &GridParams) -> Result<Self, SceneError> {
-        let basis = camera.basis()?;
+        let view = camera.view(f64::from(size[0]) / f64::from(size[1]))?;
+        let basis = view.basis;
         let world_from_level =
             world_from_voxel(&params.world_from_index) * DAffine3::from_scale(params.level_scale);
         let level_from_world = world_from_level.inverse();
@@ -121,9 +122,7 @@ impl RayFrame {
             return Err(SceneError::TooManySamples { samples: last_index, step_mm });
         }
 
-        let aspect = f64::from(size[0]) / f64::from(size[1]);
-        let half_height = camera.half_height();
-        let half_extent = [half_height * aspect, half_height];
+        let half_extent = view.half_extent;
         let (across, upward) = (basis.right * half_extent[0], basis.up * half_extent[1]);
         let (world_dir, world_origin) = match camera.projection {
             Projection::Perspective => ([basis.forward, across, upward], [camera.eye, DVec3::ZERO, DVec3::ZERO]),
@@ -162,5 +161,18 @@ impl RayFrame {
             step_mm_exact: step_mm,
             first_mm_exact: first_mm,
         })
+    }
+
+    /// Pixels that a 4³ block's edge covers at most, at the point of the volume nearest to the eye (infinite when the eye
+    /// is inside or close).
+    pub fn block_pixels(&self) -> f64 {
+        let m = self.world_from_level.matrix3 * f64::from(crate::geom::BLOCK_EDGE);
+        let edge_mm = [m.x_axis, m.y_axis, m.z_axis].into_iter().map(DVec3::length).fold(0.0, f64::max);
+        let pixel_mm = self.half_extent[1] * 2.0 / f64::from(self.size[1])
+            * match self.projection {
+                Projection::Perspective => self.first_mm_exact,
+                Projection::Orthographic => 1.0,
+            };
+        edge_mm / pixel_mm
     }
 }

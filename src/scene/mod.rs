@@ -12,7 +12,7 @@ mod settings;
 mod stats;
 
 pub use classified::{Classified, SceneError, default_window};
-pub use frame::{RayFrame, volume_bounds};
+pub use frame::{GridParams, RayFrame, volume_bounds};
 pub use image::Image;
 pub use settings::{
     Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, Shading, ShadingModel,
