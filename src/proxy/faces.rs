@@ -30,9 +30,11 @@ pub(super) fn faces(own: &Occupancy, around: &[Occupancy; 6]) -> [[u64; 8]; 6] {
             s & !(s >> 8 | beside[3] << 56),
         ];
         for side in 0..2 {
-            for plane in 0..8 {
-                faces[side][plane] |= column(across_x[side], plane) << (8 * z);
-                faces[2 + side][plane] |= (across_y[side] >> (8 * plane) & 0xff) << (8 * z);
+            for (plane, bits) in faces[side].iter_mut().enumerate() {
+                *bits |= column(across_x[side], plane) << (8 * z);
+            }
+            for (plane, bits) in faces[2 + side].iter_mut().enumerate() {
+                *bits |= (across_y[side] >> (8 * plane) & 0xff) << (8 * z);
             }
         }
         let below = if z == 0 {
