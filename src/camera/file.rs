@@ -185,17 +185,12 @@ mod tests {
     #[test]
     fn what_is_written_reads_back_to_the_bit() {
         let camera = Camera {
-            eye: DVec3::new(0.1, -1e-17, 1e300),
+            eye: DVec3::new(0.1, -1e-17, -77.7),
             target: DVec3::new(1.0 / 3.0, 2.0, 3.0),
             up: DVec3::Y,
             fov_y_degrees: 29.999_999_999_999_996,
             projection: Projection::Orthographic,
             near_mm: 0.25,
-        };
-        // 1e300 has no usable basis (its length overflows): the text still has to be exact for sane values.
-        let camera = Camera {
-            eye: camera.eye.with_z(-77.7),
-            ..camera
         };
         assert_eq!(parse(&camera.to_json()).unwrap(), camera, "same numbers");
     }

@@ -10,9 +10,12 @@
 //! invisible never changes a picture (design.md §2, invariant 4).
 
 mod color;
+mod colormaps;
 mod curve;
 mod lut;
 mod occupancy;
+mod paraview;
+mod presets;
 mod transfer;
 mod visibility;
 
@@ -21,5 +24,7 @@ pub use curve::{
 };
 pub use lut::{LUT_ENTRIES, Lut, OpacityCorrection};
 pub use occupancy::Occupancy;
+pub use paraview::{TransferFileError, parse_paraview, read_paraview, to_paraview};
+pub use presets::{Preset, PresetScale};
 pub use transfer::{TransferFunction, grey_ramp, window_range};
 pub use visibility::{IsoValues, OpacityTable, Visibility};
