@@ -34,10 +34,10 @@ pub trait Voxel: Pod + PartialOrd + Default + Send + Sync + std::fmt::Display {
     fn unshuffle(planes: &[u8], out: &mut [Self]);
 
     /// Voxels as little-endian bytes, `size_of::<Self>()` each.
-    fn to_le(voxels: &[Self], out: &mut [u8]);
+    fn write_le(voxels: &[Self], out: &mut [u8]);
 
     /// Voxels from little-endian bytes.
-    fn from_le(bytes: &[u8], out: &mut [Self]);
+    fn read_le(bytes: &[u8], out: &mut [Self]);
 }
 
 impl Voxel for u8 {
@@ -61,11 +61,11 @@ impl Voxel for u8 {
         out.copy_from_slice(planes);
     }
 
-    fn to_le(voxels: &[Self], out: &mut [u8]) {
+    fn write_le(voxels: &[Self], out: &mut [u8]) {
         out.copy_from_slice(voxels);
     }
 
-    fn from_le(bytes: &[u8], out: &mut [Self]) {
+    fn read_le(bytes: &[u8], out: &mut [Self]) {
         out.copy_from_slice(bytes);
     }
 }
@@ -97,13 +97,13 @@ impl Voxel for u16 {
         }
     }
 
-    fn to_le(voxels: &[Self], out: &mut [u8]) {
+    fn write_le(voxels: &[Self], out: &mut [u8]) {
         for (v, b) in voxels.iter().zip(out.as_chunks_mut::<2>().0) {
             *b = v.to_le_bytes();
         }
     }
 
-    fn from_le(bytes: &[u8], out: &mut [Self]) {
+    fn read_le(bytes: &[u8], out: &mut [Self]) {
         for (v, b) in out.iter_mut().zip(bytes.as_chunks::<2>().0) {
             *v = Self::from_le_bytes(*b);
         }
@@ -142,13 +142,13 @@ impl Voxel for f32 {
         }
     }
 
-    fn to_le(voxels: &[Self], out: &mut [u8]) {
+    fn write_le(voxels: &[Self], out: &mut [u8]) {
         for (v, b) in voxels.iter().zip(out.as_chunks_mut::<4>().0) {
             *b = v.to_le_bytes();
         }
     }
 
-    fn from_le(bytes: &[u8], out: &mut [Self]) {
+    fn read_le(bytes: &[u8], out: &mut [Self]) {
         for (v, b) in out.iter_mut().zip(bytes.as_chunks::<4>().0) {
             *v = Self::from_le_bytes(*b);
         }
