@@ -1,1 +1,24 @@
-//! (being built)
+//! Volumes in: one file per format, each only turning a header into a [`VoxelSource`](crate::volume::VoxelSource).
+//!
+//! [`open`] finds the format by content. A format reader parses and checks its header, then hands the place of the voxels
+//! to [`VoxelFile`], which reads them box by box with positional reads (never a map, since resident memory is budgeted)
+//! or slice by slice from a compressed stream. [`phantom`] computes its voxels instead.
+//!
+//! Not here: bricks, levels, caches, and any change of values; voxels come out in the file's own type, little-endian.
+//! Files are untrusted: every header field is checked before it is used, nothing is allocated by a header's word.
+
+mod affine;
+mod detect;
+mod metaimage;
+mod nifti;
+mod nrrd;
+pub mod phantom;
+mod problem;
+mod raw;
+mod stream;
+mod text_header;
+mod voxel_file;
+
+pub use detect::open;
+pub use raw::{Endian, RawParams};
+pub use voxel_file::VoxelFile;

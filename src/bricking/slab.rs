@@ -1,0 +1,89 @@
+//! The rolling window of slices that a level keeps while the pass goes up z: a layer of bricks and its borders.
+
+use glam::U64Vec3;
+
+use crate::geom::{BRICK_EDGE, STORED_EDGE};
+use crate::store::Voxel;
+
+/// At most 34 neighbouring slices of a level.
+pub struct Slab<T> {
+    dims: U64Vec3,
+    slice_len: usize,
+    /// z of the lowest slice held.
+    first: u64,
+    held: usize,
+    /// The layer of bricks that is filled next.
+    layer: u32,
+    voxels: Vec<T>,
+}
+
+impl<T: Voxel> Slab<T> {
+    /// An empty slab of a level of `dims` voxels.
+    pub fn new(dims: U64Vec3) -> Self {
+        let slice_len = (dims.x * dims.y) as usize;
+        let slices = dims.z.min(u64::from(STORED_EDGE)) as usize;
+        Self {
+            dims,
+            slice_len,
+            first: 0,
+            held: 0,
+            layer: 0,
+            voxels: vec![T::default(); slice_len * slices],
+        }
+    }
+
+    /// Voxels of the level.
+    pub fn dims(&self) -> U64Vec3 {
+        self.dims
+    }
+
+    /// The layer of bricks that is being filled.
+    pub fn layer(&self) -> u32 {
+        self.layer
+    }
+
+    /// z of the next slice: how many came so far.
+    pub fn next_z(&self) -> u64 {
+        self.first + self.held as u64
+    }
+
+    /// Room for the next slice; [`Self::push`] makes it part of the slab.
+    pub fn room(&mut self) -> &mut [T] {
+        &mut self.voxels[self.held * self.slice_len..][..self.slice_len]
+    }
+
+    /// The slice in [`Self::room`] is filled.
+    pub fn push(&mut self) {
+        self.held += 1;
+    }
+
+    /// Slice `z`, which must be held.
+    pub fn slice(&self, z: u64) -> &[T] {
+        let at = (z - self.first) as usize;
+        assert!(at < self.held, "invariant: slice {z} is in the slab");
+        &self.voxels[at * self.slice_len..][..self.slice_len]
+    }
+
+    /// True when all slices of the current layer of bricks and its borders are held.
+    pub fn is_layer_complete(&self) -> bool {
+        let end = (u64::from(self.layer) + 1) * u64::from(BRICK_EDGE);
+        self.next_z() == self.dims.z.min(end + 1) && self.dims.z > end - u64::from(BRICK_EDGE)
+    }
+
+    /// Goes on to the next layer of bricks: keeps the slices that it needs (the last one or two).
+    pub fn roll(&mut self) {
+        self.layer += 1;
+        let keep_from = u64::from(self.layer) * u64::from(BRICK_EDGE) - 1;
+        if keep_from >= self.next_z() {
+            // That was the last layer.
+            self.first = self.next_z();
+            self.held = 0;
+            return;
+        }
+        let drop = (keep_from - self.first) as usize;
+        self.voxels
+            .copy_within(drop * self.slice_len..self.held * self.slice_len, 0);
+        self.first = keep_from;
+        self.held -= drop;
+    }
+}

@@ -1,0 +1,424 @@
+//! Reading a store: the file is mapped, header, metadata and index are checked once, records when they are read.
+//!
+//! Opening costs one pass over the index (32 bytes per brick: checksum and every entry by itself), so that entries can
+//! be used without further checks; no record is touched. The index stays in the mapping and is never copied.
+//!
+//! **The file must not change while it is open.** It is mapped: another program that shortens it makes the next access
+//! end this process with SIGBUS, and one that writes into it makes checked bytes wrong. Its length is checked at open.
+//! Stores are written under another name and renamed, so replacing one with `brick --force` is safe.
+
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use memmap2::Mmap;
+
+use super::codec::{self, RANGES_LEN};
+use super::error::{Fault, Part, StoreError};
+use super::header::{HEADER_LEN, Header, MAGIC, VERSION};
+use super::index::{BrickEntry, ENTRY_LEN};
+use super::{StoreMeta, Voxel};
+use crate::geom::{BLOCKS_PER_BRICK, BrickGrid, BrickId, Lod, STORED_VOXELS};
+use crate::volume::StoredType;
+
+/// A level of an open store.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Voxels and bricks of the level.
+    pub grid: BrickGrid,
+    /// Voxels of level 0 per voxel of this level, along each axis.
+    pub scale: DVec3,
+}
+
+/// An open store. Reading takes `&self`: share it in an `Arc`.
+#[derive(Debug)]
+pub struct Store {
+    path: PathBuf,
+    map: Mmap,
+    header: Header,
+    meta: StoreMeta,
+    levels: Vec<Level>,
+}
+
+/// A decoded brick.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BrickData {
+    /// 34³ voxels of the stored type, little-endian, x fastest, border included.
+    pub voxels: Vec<u8>,
+    /// Range (low, high) of each 4³ block and the voxels around it in stored units, rounded outward; x fastest.
+    pub block_ranges: Vec<[f32; 2]>,
+}
+
+/// What reading bricks needs again and again: a zstd context and a buffer. One per thread.
+pub struct BrickReader {
+    decompressor: zstd::bulk::Decompressor<'static>,
+    plain: Vec<u8>,
+}
+
+impl BrickReader {
+    /// A reader.
+    ///
+    /// # Errors
+    /// zstd has no memory.
+    pub fn new() -> io::Result<Self> {
+        Ok(Self {
+            decompressor: zstd::bulk::Decompressor::new()?,
+            plain: Vec::new(),
+        })
+    }
+
+    /// The block ranges of the record decoded last, as they are stored.
+    pub(super) fn quantised_ranges(&self) -> &[u8] {
+        &self.plain[..RANGES_LEN]
+    }
+
+    /// The voxels of the record decoded last, as they are stored: byte-shuffled.
+    pub(super) fn planes(&self) -> &[u8] {
+        &self.plain[RANGES_LEN..]
+    }
+}
+
+impl Store {
+    /// Opens the store at `path` and checks everything but its records.
+    ///
+    /// # Errors
+    /// It can't be read, is not a store, is of another version or another length, or header, metadata or index are
+    /// damaged.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let file = File::open(path).map_err(StoreError::io(path, "open"))?;
+        let info = file.metadata().map_err(StoreError::io(path, "read"))?;
+        if info.is_dir() {
+            return Err(StoreError::NotAStore {
+                path: path.to_owned(),
+                found: "a folder".into(),
+            });
+        }
+        let len = info.len();
+        let header = read_header(path, &file, len)?;
+        // SAFETY: the file is a regular one, mapped read-only; its length was just compared with the header. That no
+        // other process shortens or changes it is the caller's part, stated in the module's documentation.
+        let map = unsafe { Mmap::map(&file) }.map_err(StoreError::io(path, "map into memory"))?;
+        if map.len() as u64 != header.file_len {
+            return Err(StoreError::Length {
+                path: path.to_owned(),
+                expected: header.file_len,
+                found: map.len() as u64,
+            });
+        }
+        let text = section(&map, header.metadata_offset, header.metadata_len);
+        let crc = crc32c::crc32c(text);
+        if crc != header.metadata_crc {
+            let fault = Fault::crc(
+                Part::Metadata,
+                header.metadata_offset,
+                header.metadata_crc,
+                crc,
+            );
+            return Err(fault.at(path));
+        }
+        let meta = StoreMeta::from_json(text, &header).map_err(|f| f.at(path))?;
+        let levels = meta
+            .levels
+            .iter()
+            .map(|level| Level {
+                grid: BrickGrid::for_voxels(level.dims)
+                    .expect("invariant: metadata was checked against the header's grids"),
+                scale: level.scale,
+            })
+            .collect();
+        let store = Self {
+            path: path.to_owned(),
+            map,
+            header,
+            meta,
+            levels,
+        };
+        store.check_index().map_err(|f| f.at(path))?;
+        Ok(store)
+    }
+
+    /// What the store says of its volume.
+    pub fn meta(&self) -> &StoreMeta {
+        &self.meta
+    }
+
+    /// The file, as it was given to [`Self::open`].
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Bytes of the file.
+    pub fn file_len(&self) -> u64 {
+        self.header.file_len
+    }
+
+    /// The header.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Type of the voxels.
+    pub fn stored_type(&self) -> StoredType {
+        self.header.stored_type
+    }
+
+    /// Number of levels, at least 1.
+    pub fn levels(&self) -> usize {
+        self.levels.len()
+    }
+
+    /// A level. Panics when there is no such level.
+    pub fn level(&self, lod: Lod) -> &Level {
+        &self.levels[usize::from(lod.0)]
+    }
+
+    /// All bricks of a level, in the order of the index.
+    pub fn bricks(&self, lod: Lod) -> impl Iterator<Item = BrickId> + '_ {
+        let grid = self.level(lod).grid;
+        (0..grid.len()).map(move |i| BrickId::new(lod, grid.xyz(i)))
+    }
+
+    /// What the index says of a brick: a few loads from the mapping. Panics when there is no such brick.
+    pub fn entry(&self, id: BrickId) -> BrickEntry {
+        let bytes = self.entry_bytes(id.lod, self.brick_index(id));
+        BrickEntry::parse(bytes, self.header.stored_type, self.records_range())
+            .expect("invariant: all entries were checked at open")
+    }
+
+    /// Reads and decodes a brick into fresh buffers; a Constant one is filled in.
+    ///
+    /// # Errors
+    /// The record is damaged.
+    pub fn read_brick(
+        &self,
+        id: BrickId,
+        reader: &mut BrickReader,
+    ) -> Result<BrickData, StoreError> {
+        let mut data = BrickData::default();
+        self.read_brick_into(id, reader, &mut data)?;
+        Ok(data)
+    }
+
+    /// As [`Self::read_brick`], into buffers that are used again.
+    ///
+    /// # Errors
+    /// The record is damaged; `data` then holds nothing of use.
+    pub fn read_brick_into(
+        &self,
+        id: BrickId,
+        reader: &mut BrickReader,
+        data: &mut BrickData,
+    ) -> Result<(), StoreError> {
+        let stored_type = self.header.stored_type;
+        let entry = self.entry(id);
+        data.voxels.resize(STORED_VOXELS * stored_type.size(), 0);
+        if !self
+            .decode(id, &entry, reader)
+            .map_err(|f| f.at(&self.path))?
+        {
+            fill(&mut data.voxels, stored_type, entry.min);
+            data.block_ranges.clear();
+            data.block_ranges
+                .resize(BLOCKS_PER_BRICK, [entry.min, entry.min]);
+            return Ok(());
+        }
+        data.block_ranges.clear();
+        let pairs = reader.quantised_ranges().as_chunks::<2>().0;
+        data.block_ranges.extend(pairs.iter().map(|&[low, high]| {
+            [
+                codec::range_low(stored_type, entry.min, entry.max, low),
+                codec::range_high(stored_type, entry.min, entry.max, high),
+            ]
+        }));
+        unshuffle_le(stored_type, reader.planes(), &mut data.voxels);
+        Ok(())
+    }
+
+    /// Tells the system that the brick's record will be read soon. Best effort: no answer, no error.
+    pub fn advise_will_need(&self, id: BrickId) {
+        #[cfg(unix)]
+        if let Some(record) = self.entry(id).record {
+            // A refused hint costs only time.
+            let _ = self.map.advise_range(
+                memmap2::Advice::WillNeed,
+                record.offset as usize,
+                record.len as usize,
+            );
+        }
+        #[cfg(not(unix))]
+        let _ = id;
+    }
+
+    /// Decodes the record of a brick into `reader`; `false` when it is Constant and there is none.
+    pub(super) fn decode(
+        &self,
+        id: BrickId,
+        entry: &BrickEntry,
+        reader: &mut BrickReader,
+    ) -> Result<bool, Fault> {
+        let Some(place) = entry.record else {
+            return Ok(false);
+        };
+        let record = section(&self.map, place.offset, u64::from(place.len));
+        let crc = crc32c::crc32c(record);
+        if crc != entry.crc {
+            return Err(Fault::crc(Part::Brick(id), place.offset, entry.crc, crc));
+        }
+        let expected = codec::plain_len(self.header.stored_type);
+        reader.plain.resize(expected, 0);
+        let found = reader
+            .decompressor
+            .decompress_to_buffer(record, &mut reader.plain[..]);
+        let damaged = |found: String| {
+            Fault::new(
+                Part::Brick(id),
+                place.offset,
+                format!("a zstd frame of {expected} bytes"),
+                found,
+            )
+        };
+        match found {
+            Ok(n) if n == expected => Ok(true),
+            Ok(n) => Err(damaged(format!("one of {n}"))),
+            Err(error) => Err(damaged(error.to_string())),
+        }
+    }
+
+    /// The bytes of a part of the file, which must lie inside it.
+    pub(super) fn bytes(&self, offset: u64, len: u64) -> &[u8] {
+        section(&self.map, offset, len)
+    }
+
+    /// Where records may be: (start, end) offsets.
+    pub(super) fn records_range(&self) -> (u64, u64) {
+        let start = HEADER_LEN as u64;
+        (start, start + self.header.records_len)
+    }
+
+    fn brick_index(&self, id: BrickId) -> u64 {
+        let grid = &self.level(id.lod).grid;
+        assert!(
+            id.xyz.cmplt(grid.bricks).all(),
+            "invariant: {id} is inside its grid of {} bricks",
+            grid.bricks
+        );
+        grid.index(id.xyz)
+    }
+
+    fn entry_bytes(&self, lod: Lod, index: u64) -> &[u8; ENTRY_LEN] {
+        let place = self.header.level(lod);
+        let offset = place.offset + index * ENTRY_LEN as u64;
+        section(&self.map, offset, ENTRY_LEN as u64)
+            .try_into()
+            .expect("invariant: a section has the length that was asked for")
+    }
+
+    /// Checksum of every level's index, and every entry by itself.
+    fn check_index(&self) -> Result<(), Fault> {
+        for (l, place) in self.header.levels.iter().enumerate() {
+            let lod = Lod(l as u8);
+            let bytes = section(&self.map, place.offset, place.len);
+            let crc = crc32c::crc32c(bytes);
+            if crc != place.crc {
+                return Err(Fault::crc(Part::Index(lod), place.offset, place.crc, crc));
+            }
+            for (i, entry) in bytes.as_chunks::<ENTRY_LEN>().0.iter().enumerate() {
+                BrickEntry::parse(entry, self.header.stored_type, self.records_range()).map_err(
+                    |(expected, found)| {
+                        let offset = place.offset + (i * ENTRY_LEN) as u64;
+                        Fault::new(Part::Index(lod), offset, expected, found)
+                    },
+                )?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Reads and checks the header without mapping anything.
+fn read_header(path: &Path, file: &File, len: u64) -> Result<Header, StoreError> {
+    use std::io::Read;
+    let mut start = Vec::with_capacity(HEADER_LEN);
+    file.take(HEADER_LEN as u64)
+        .read_to_end(&mut start)
+        .map_err(StoreError::io(path, "read the header"))?;
+    let shared = start.len().min(MAGIC.len());
+    if start.is_empty() || start[..shared] != MAGIC[..shared] {
+        return Err(StoreError::NotAStore {
+            path: path.to_owned(),
+            found: format!("{:02x?}", &start[..shared]),
+        });
+    }
+    let Ok(bytes) = <&[u8; HEADER_LEN]>::try_from(&start[..]) else {
+        return Err(StoreError::Length {
+            path: path.to_owned(),
+            expected: HEADER_LEN as u64,
+            found: len,
+        });
+    };
+    let version = Header::version(bytes);
+    if version != VERSION {
+        return Err(StoreError::Version {
+            path: path.to_owned(),
+            found: version,
+            supported: VERSION,
+        });
+    }
+    let header = Header::parse(bytes).map_err(|f| f.at(path))?;
+    if header.file_len != len {
+        return Err(StoreError::Length {
+            path: path.to_owned(),
+            expected: header.file_len,
+            found: len,
+        });
+    }
+    Ok(header)
+}
+
+/// Part of the mapping. The header's places were checked against the length of the file.
+fn section(map: &[u8], offset: u64, len: u64) -> &[u8] {
+    &map[offset as usize..(offset + len) as usize]
+}
+
+/// Fills `out` with one value of the type.
+pub(super) fn fill(out: &mut [u8], stored_type: StoredType, value: f32) {
+    match stored_type {
+        StoredType::U8 => out.fill(value as u8),
+        StoredType::U16 => out
+            .as_chunks_mut::<2>()
+            .0
+            .fill((value as u16).to_le_bytes()),
+        StoredType::F32 => out.as_chunks_mut::<4>().0.fill(value.to_le_bytes()),
+    }
+}
+
+/// Undoes the byte-shuffle into little-endian voxels.
+fn unshuffle_le(stored_type: StoredType, planes: &[u8], out: &mut [u8]) {
+    let n = STORED_VOXELS;
+    match stored_type {
+        StoredType::U8 => out.copy_from_slice(planes),
+        StoredType::U16 => {
+            let (low, high) = planes.split_at(n);
+            for ((b, &low), &high) in out.as_chunks_mut::<2>().0.iter_mut().zip(low).zip(high) {
+                *b = [low, high];
+            }
+        }
+        StoredType::F32 => {
+            let (a, rest) = planes.split_at(n);
+            let (b, rest) = rest.split_at(n);
+            let (c, d) = rest.split_at(n);
+            let planes = a.iter().zip(b).zip(c).zip(d);
+            for (v, (((&a, &b), &c), &d)) in out.as_chunks_mut::<4>().0.iter_mut().zip(planes) {
+                *v = [a, b, c, d];
+            }
+        }
+    }
+}
+
+/// The voxels of a decoded brick as Rust values: `data.voxels` must be of type `T`.
+pub fn voxels_as<T: Voxel>(data: &BrickData) -> Vec<T> {
+    let mut out = vec![T::default(); data.voxels.len() / size_of::<T>()];
+    T::read_le(&data.voxels, &mut out);
+    out
+}
