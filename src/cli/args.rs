@@ -2,7 +2,10 @@
 
 use std::str::FromStr;
 
-use glam::{DVec3, U64Vec3};
+use glam::{DVec3, U64Vec3, Vec3};
+
+use crate::geom::Lod;
+use crate::scene::{Background, IsoSurface, LodChoice};
 
 /// A number of bytes: `512MiB`, `2GiB`, `4096`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,6 +75,92 @@ pub fn dims(s: &str) -> Result<U64Vec3, String> {
         .ok_or_else(|| format!("'{s}': expected X,Y,Z, three whole numbers of at least 1"))
 }
 
+/// `WxH`: a picture's size in pixels, each from 1 to 65536.
+pub fn picture_size(s: &str) -> Result<[u32; 2], String> {
+    let parse = |part: &str| part.parse::<u32>().ok().filter(|v| (1..=65536).contains(v));
+    s.split_once('x')
+        .and_then(|(w, h)| Some([parse(w)?, parse(h)?]))
+        .ok_or_else(|| format!("'{s}': expected WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 1024x768"))
+}
+
+/// A display colour: `r,g,b` (0 to 1) or `#rrggbb`.
+pub fn color(s: &str) -> Result<Vec3, String> {
+    let wrong = || format!("'{s}': expected a colour as r,g,b with numbers from 0 to 1, or #rrggbb");
+    if let Some(hex) = s.strip_prefix('#') {
+        let value = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6).ok_or_else(wrong)?;
+        let channel = |shift: u32| (value >> shift & 0xff) as f32 / 255.0;
+        return Ok(Vec3::new(channel(16), channel(8), channel(0)));
+    }
+    let rgb = vec3(s).map_err(|_| wrong())?;
+    if rgb.min_element() < 0.0 || rgb.max_element() > 1.0 {
+        return Err(wrong());
+    }
+    Ok(rgb.as_vec3())
+}
+
+/// `transparent` or a colour.
+pub fn background(s: &str) -> Result<Background, String> {
+    if s == "transparent" {
+        return Ok(Background::Transparent);
+    }
+    color(s).map(Background::Color).map_err(|e| format!("{e}, or transparent"))
+}
+
+/// `VALUE[:COLOR[:OPACITY]]`, the surface of mode iso.
+pub fn iso_surface(s: &str) -> Result<IsoSurface, String> {
+    let mut parts = s.splitn(3, ':');
+    let value = parts
+        .next()
+        .and_then(|v| v.parse::<f64>().ok())
+        .filter(|v| v.is_finite())
+        .ok_or_else(|| format!("'{s}': expected VALUE or VALUE:COLOR, VALUE a finite number in physical units"))?;
+    let color = parts.next().map_or(Ok(IsoSurface::DEFAULT_COLOR), color)?;
+    match parts.next().map(str::parse::<f64>) {
+        None | Some(Ok(1.0)) => Ok(IsoSurface { value, color }),
+        Some(_) => Err(format!("'{s}': only opaque surfaces are built; leave the opacity out, or make it 1")),
+    }
+}
+
+/// `AZIMUTH,ELEVATION[,ZOOM]`, degrees.
+pub fn orbit(s: &str) -> Result<[f64; 3], String> {
+    vec3(s)
+        .map(|v| v.to_array())
+        .or_else(|_| pair(s).map(|[azimuth, elevation]| [azimuth, elevation, 1.0]))
+        .map_err(|_| format!("'{s}': expected AZIMUTH,ELEVATION or AZIMUTH,ELEVATION,ZOOM, angles in degrees"))
+}
+
+/// `auto` or a level's number.
+pub fn lod(s: &str) -> Result<LodChoice, String> {
+    if s == "auto" {
+        return Ok(LodChoice::Auto);
+    }
+    s.parse::<u8>().map(|l| LodChoice::Fixed(Lod(l))).map_err(|_| format!("'{s}': expected auto or a level's number, 0 or more"))
+}
+
+/// A finite number above 0.
+pub fn positive(s: &str) -> Result<f64, String> {
+    s.parse::<f64>()
+        .ok()
+        .filter(|v| v.is_finite() && *v > 0.0)
+        .ok_or_else(|| format!("'{s}': expected a finite number above 0"))
+}
+
+/// A finite number of at least 0.
+pub fn not_negative(s: &str) -> Result<f64, String> {
+    s.parse::<f64>()
+        .ok()
+        .filter(|v| v.is_finite() && *v >= 0.0)
+        .ok_or_else(|| format!("'{s}': expected a finite number of at least 0"))
+}
+
+/// A number above 0 and at most 1.
+pub fn cutoff(s: &str) -> Result<f32, String> {
+    s.parse::<f32>()
+        .ok()
+        .filter(|v| *v > 0.0 && *v <= 1.0)
+        .ok_or_else(|| format!("'{s}': expected a number above 0 and at most 1"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -93,5 +182,18 @@ mod tests {
             vec3("1,2").is_err() && vec3("1,2,nan").is_err() && dims("0,1,1").is_err(),
             "refused"
         );
+    }
+
+    #[test]
+    fn pictures() {
+        assert_eq!(picture_size("1024x768"), Ok([1024, 768]));
+        assert!(picture_size("0x5").is_err() && picture_size("5").is_err() && picture_size("5x5x5").is_err());
+        assert_eq!(color("#ff0000"), Ok(Vec3::X));
+        assert_eq!(color("0,0.5,1"), Ok(Vec3::new(0.0, 0.5, 1.0)));
+        assert!(color("0,0,2").is_err() && color("#ff").is_err() && color("red").is_err());
+        assert_eq!(iso_surface("-300").unwrap().value, -300.0);
+        assert_eq!(iso_surface("300:#00ff00:1").unwrap().color, Vec3::Y);
+        assert!(iso_surface("300:#00ff00:0.5").is_err() && iso_surface("nan").is_err());
+        assert_eq!(orbit("30,-20"), Ok([30.0, -20.0, 1.0]));
     }
 }

@@ -6,6 +6,7 @@
 
 pub mod args;
 mod cmd;
+mod config;
 
 use std::ffi::OsString;
 use std::io::{self, Write};
@@ -30,6 +31,8 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Presets(cmd::presets::Args),
+    Render(cmd::render::Args),
+    Demo(cmd::demo::Args),
 }
 
 /// Parses `argv` (with the program's name), runs the command, reports errors, and returns the exit code.
@@ -56,6 +59,8 @@ pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
     };
     let result: anyhow::Result<ExitCode> = match cli.command {
         Command::Presets(args) => cmd::presets::run(args),
+        Command::Render(args) => cmd::render::run(&args),
+        Command::Demo(args) => cmd::demo::run(&args),
     };
     match result.and_then(|code| io::stdout().flush().map(|()| code).map_err(Into::into)) {
         Ok(code) => code,

@@ -7,8 +7,8 @@ use glam::DVec3;
 
 use super::{EngineError, EngineOptions, Picture, chosen_level, prepare};
 use crate::classify::{Occupancy, Visibility};
-use crate::geom::{BrickGrid, BrickId, Lod};
-use crate::gpu::{AdapterChoice, GpuContext, GpuError, Staging};
+use crate::geom::{BLOCKS_PER_BRICK, BrickGrid, BrickId, Lod};
+use crate::gpu::{AdapterChoice, GpuContext, Staging};
 use crate::pager::{
     ActiveBricks, AtlasShape, BrickCache, BrickState, Completion, LevelScan, Loader, Pager, Priority, Request,
     SlotId, SlotPool, Upload, within_reach,
@@ -74,7 +74,7 @@ impl GpuDevice {
         choice: &AdapterChoice,
         store: &Arc<Store>,
         options: &EngineOptions,
-    ) -> Result<Self, GpuError> {
+    ) -> Result<Self, EngineError> {
         let gpu = GpuContext::open(choice)?;
         let renderer = Renderer::new(&gpu)?;
         let grids = (0..store.levels()).map(|l| store.level(Lod(l as u8)).grid).collect();
@@ -83,7 +83,7 @@ impl GpuDevice {
             renderer,
             options: options.clone(),
             cache: BrickCache::new(options.ram_bytes),
-            loader: Loader::new(Arc::clone(store), options.decode_threads),
+            loader: Loader::new(Arc::clone(store), options.decode_threads).map_err(EngineError::Loader)?,
             grids,
             resident: None,
         })
@@ -138,7 +138,7 @@ impl GpuDevice {
             rays: &rays,
             classified: &classified,
             settings,
-            value_floor: store.meta().value_min,
+            value_floor: store.meta().value_min as f32,
         };
         let drawn = self.renderer.draw(&self.gpu, &inputs, volume, &mesh, tile)?;
         let stats = PictureStats {
@@ -201,7 +201,7 @@ impl GpuDevice {
         let grid = store.level(lod).grid;
         let everything = Visibility::All;
         let visibility = if technique == Technique::Basic { &everything } else { visibility };
-        let scan = LevelScan::new(store, lod, visibility)?;
+        let scan = LevelScan::new(store, lod, visibility);
         let mut active = ActiveBricks::default();
         active.constant.extend(scan.constant.iter().filter(|(_, (_, visible))| *visible).map(|(&index, _)| index));
         if technique == Technique::Basic {
@@ -209,7 +209,7 @@ impl GpuDevice {
         } else {
             let mixed = &mut active.mixed;
             self.for_each_decoded(store, &scan.candidates, traffic, |brick, data| {
-                let occupancy = Occupancy::from_ranges(&data.block_ranges, visibility);
+                let occupancy = Occupancy::from_ranges(ranges_of(data), visibility);
                 if !occupancy.is_empty() {
                     mixed.insert(grid.index(brick.xyz), occupancy);
                 }
@@ -375,9 +375,7 @@ impl GpuDevice {
 fn count_load(store: &Store, brick: BrickId, data: &BrickData, traffic: &mut Traffic) {
     traffic.bricks_read += 1;
     traffic.bytes_decompressed += data.voxels.len() as u64;
-    if let Ok(entry) = store.entry(brick) {
-        traffic.bytes_read += entry.record.map_or(0, |r| u64::from(r.len));
-    }
+    traffic.bytes_read += store.entry(brick).record.map_or(0, |r| u64::from(r.len));
 }
 
 /// The longest reach of a step along each level axis, in level voxels.
@@ -393,4 +391,9 @@ fn shuffled_slots(count: u32, seed: u64) -> Vec<SlotId> {
     let mut slots: Vec<SlotId> = (0..count).map(SlotId).collect();
     slots.sort_by_key(|slot| xxhash_rust::xxh3::xxh3_64_with_seed(&slot.0.to_le_bytes(), seed));
     slots
+}
+
+/// A brick's block ranges as the array they are.
+fn ranges_of(data: &BrickData) -> &[[f32; 2]; BLOCKS_PER_BRICK] {
+    data.block_ranges.as_slice().try_into().expect("invariant: a decoded brick has a range per block")
 }

@@ -112,10 +112,12 @@ fn open_device(store: &Arc<Store>, options: &EngineOptions) -> Result<(Device, O
     };
     match gpu_device::GpuDevice::open(&choice, store, options) {
         Ok(gpu) => Ok((Device::Gpu(Box::new(gpu)), None)),
-        Err(error @ (GpuError::NoAdapter | GpuError::NoDevice { .. })) if options.device == DeviceChoice::Auto => {
+        Err(EngineError::Gpu(error @ (GpuError::NoAdapter | GpuError::NoDevice { .. })))
+            if options.device == DeviceChoice::Auto =>
+        {
             Ok((Device::Cpu, Some(error.to_string())))
         }
-        Err(error) => Err(error.into()),
+        Err(error) => Err(error),
     }
 }
 

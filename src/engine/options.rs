@@ -76,6 +76,8 @@ pub enum EngineError {
     Gpu(#[from] crate::gpu::GpuError),
     #[error("the bounding mesh: {0}")]
     Mesh(#[from] crate::proxy::ProxyError),
+    #[error("cannot start the decoders: {0}")]
+    Loader(std::io::Error),
     #[error("this build has no GPU renderer (feature `gpu`); use --device cpu")]
     NoGpuBuilt,
     #[error("--gpu-memory of {given} bytes is too little: this volume and picture need at least {least} bytes; give more, or a smaller --size")]

@@ -17,7 +17,7 @@ pub struct BrickCache {
 
 /// Host bytes of one decoded brick.
 fn size_of_brick(data: &BrickData) -> u64 {
-    (data.voxels.len() + size_of_val(&*data.block_ranges)) as u64
+    (data.voxels.len() + size_of_val(data.block_ranges.as_slice())) as u64
 }
 
 impl BrickCache {

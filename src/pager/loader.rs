@@ -1,5 +1,6 @@
 //! Worker threads that read and decode bricks. No policy: what to load, and in which order, is the pager's to say.
 
+use std::io;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
@@ -23,14 +24,18 @@ pub struct Loader {
 
 impl Loader {
     /// A loader with `threads` threads (at least one).
-    pub fn new(store: Arc<Store>, threads: usize) -> Self {
+    ///
+    /// # Errors
+    /// There is no memory for the decoders.
+    pub fn new(store: Arc<Store>, threads: usize) -> io::Result<Self> {
         let (orders, inbox) = unbounded::<BrickId>();
         let (outbox, done) = unbounded();
-        let threads = (0..threads.max(1))
-            .map(|_| {
+        let readers: io::Result<Vec<BrickReader>> = (0..threads.max(1)).map(|_| BrickReader::new()).collect();
+        let threads = readers?
+            .into_iter()
+            .map(|mut reader| {
                 let (store, inbox, outbox) = (Arc::clone(&store), inbox.clone(), outbox.clone());
                 std::thread::spawn(move || {
-                    let mut reader = BrickReader::new();
                     for brick in inbox {
                         if outbox.send((brick, store.read_brick(brick, &mut reader))).is_err() {
                             return;
@@ -39,7 +44,7 @@ impl Loader {
                 })
             })
             .collect();
-        Self { store, orders: Some(orders), done, threads, in_flight: 0 }
+        Ok(Self { store, orders: Some(orders), done, threads, in_flight: 0 })
     }
 
     /// Bricks ordered and not yet received.

@@ -6,7 +6,7 @@ use glam::{DVec3, IVec3};
 
 use crate::classify::{Occupancy, Visibility};
 use crate::geom::{BLOCK_EDGE, BRICK_EDGE, BrickGrid, BrickId, Lod};
-use crate::store::{Store, StoreError};
+use crate::store::Store;
 
 /// What the index of a level tells under one classification, before any record is read.
 #[derive(Clone, Debug, Default)]
@@ -21,15 +21,12 @@ pub struct LevelScan {
 
 impl LevelScan {
     /// Looks at every entry of the level's index.
-    ///
-    /// # Errors
-    /// The index is damaged.
-    pub fn new(store: &Store, lod: Lod, visibility: &Visibility) -> Result<Self, StoreError> {
+    pub fn new(store: &Store, lod: Lod, visibility: &Visibility) -> Self {
         let grid = store.level(lod).grid;
         let mut scan = Self::default();
         for index in 0..grid.len() {
             let id = BrickId::new(lod, grid.xyz(index));
-            let entry = store.entry(id)?;
+            let entry = store.entry(id);
             let visible = visibility.is_visible(entry.min, entry.max);
             if entry.constant {
                 scan.constant.insert(index, (entry.min, visible));
@@ -40,7 +37,7 @@ impl LevelScan {
                 }
             }
         }
-        Ok(scan)
+        scan
     }
 }
 

@@ -194,7 +194,8 @@ impl Caster<'_, '_, '_> {
             self.samples += 1;
             let above = self.value(self.ray.offset(i as f32)) >= iso;
             if previous.is_some_and(|p: bool| p != above) {
-                let offset = self.ray.offset(self.refine(i as f32, above));
+                let at = self.refine(i as f32, above);
+                let offset = self.ray.offset(at);
                 let color = self.settings.classification.iso.map_or(Vec3::ONE, |s| s.color);
                 return self.lit(color, offset).extend(1.0);
             }

@@ -48,22 +48,30 @@ impl<'a> VoxelField<'a> {
 
     /// A reader for one thread.
     pub fn reader(&self) -> FieldReader<'_> {
-        FieldReader { field: self, near: std::array::from_fn(|_| None), scratch: BrickReader::new(), error: None }
+        FieldReader { field: self, near: std::array::from_fn(|_| None), decoder: None, error: None }
     }
 
-    fn brick(&self, xyz: UVec3, scratch: &mut BrickReader) -> Result<Arc<Voxels>, StoreError> {
+    fn brick(&self, xyz: UVec3, decoder: &mut Option<BrickReader>) -> Result<Arc<Voxels>, StoreError> {
         let index = self.grid.index(xyz);
         // Not held while decoding: two threads may decode one brick, which costs time but no correctness.
         if let Some(found) = self.lock().get(&index) {
             return Ok(Arc::clone(found));
         }
         let id = BrickId::new(self.lod, xyz);
-        let entry = self.store.entry(id)?;
+        let entry = self.store.entry(id);
         let voxels = if entry.constant {
             Voxels::Constant(entry.min)
         } else {
             self.bricks_read.fetch_add(1, Ordering::Relaxed);
-            Voxels::Dense(self.store.read_brick(id, scratch)?.voxels)
+            let reader = match decoder {
+                Some(reader) => reader,
+                None => decoder.insert(BrickReader::new().map_err(|error| StoreError::Io {
+                    path: self.store.path().to_owned(),
+                    doing: "start a decoder for it",
+                    error,
+                })?),
+            };
+            Voxels::Dense(self.store.read_brick(id, reader)?.voxels)
         };
         let voxels = Arc::new(voxels);
         self.lock().put(index, Arc::clone(&voxels));
@@ -76,12 +84,12 @@ impl<'a> VoxelField<'a> {
 }
 
 /// One thread's view of a [`VoxelField`]. The first failure is kept in `error`; values are 0 from then on.
-#[derive(Debug)]
 pub struct FieldReader<'a> {
     field: &'a VoxelField<'a>,
     /// The bricks met last, by the lowest bit of each brick coordinate: the eight taps of a position never collide.
     near: [Option<(UVec3, Arc<Voxels>)>; 8],
-    scratch: BrickReader,
+    /// Made with the first brick that is decoded.
+    decoder: Option<BrickReader>,
     /// What went wrong first.
     pub error: Option<StoreError>,
 }
@@ -94,7 +102,7 @@ impl FieldReader<'_> {
         let brick = voxel / BRICK_EDGE;
         let place = ((brick.x & 1) | (brick.y & 1) << 1 | (brick.z & 1) << 2) as usize;
         if self.near[place].as_ref().is_none_or(|(at, _)| *at != brick) {
-            match self.field.brick(brick, &mut self.scratch) {
+            match self.field.brick(brick, &mut self.decoder) {
                 Ok(voxels) => self.near[place] = Some((brick, voxels)),
                 Err(error) => {
                     self.error.get_or_insert(error);

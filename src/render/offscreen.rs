@@ -37,7 +37,7 @@ pub struct Renderer {
     frame: FrameBindings,
     bounds: BoundsPass,
     raycast: RaycastPass,
-    targets: Option<(([u32; 2]), BoundsTargets, RaycastTargets)>,
+    targets: Option<([u32; 2], BoundsTargets, RaycastTargets)>,
     timer: PassTimer,
 }
 
@@ -92,9 +92,6 @@ impl Renderer {
                 Ok((tile, bounds, raycast))
             })?);
         }
-        let Some((_, bounds_targets, raycast_targets)) = &self.targets else {
-            unreachable!("invariant: the targets were just made")
-        };
         let mesh_buffers = MeshBuffers::new(gpu, mesh)?;
         let mirrored = inputs.rays.world_from_level.matrix3.determinant() < 0.0;
         self.frame.write_lut(gpu, inputs.classified);
@@ -111,6 +108,9 @@ impl Renderer {
                 let part = Tile { origin: [x, y], size: [tile[0].min(width - x), tile[1].min(height - y)] };
                 // The depth buffers keep their size; a cut tile is drawn as a whole one whose rest nobody reads.
                 self.frame.write(gpu, inputs, volume, Tile { origin: part.origin, size: tile });
+                let Some((_, bounds_targets, raycast_targets)) = &self.targets else {
+                    unreachable!("invariant: the targets were just made")
+                };
                 let mut encoder =
                     gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("offscreen.tile") });
                 let timer = &mut self.timer;

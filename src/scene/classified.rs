@@ -52,13 +52,13 @@ impl Classified {
             Mode::Iso | Mode::Mip => OpacityCorrection::None,
         };
         let rescale = meta.rescale;
-        let data = [meta.value_min, meta.value_max];
+        let data = [meta.value_min as f32, meta.value_max as f32];
         let line = (rescale.slope, rescale.intercept);
         let domain = Lut::fitted_domain(&classification.transfer, line, data.map(f64::from));
         let lut = Lut::bake(&classification.transfer, line, domain, correction);
         let (visibility, iso_stored) = match settings.mode {
             Mode::Dvr => (Visibility::opacity(&lut), 0.0),
-            Mode::Mip => (Visibility::AboveMinimum { floor: meta.value_min }, 0.0),
+            Mode::Mip => (Visibility::AboveMinimum { floor: meta.value_min as f32 }, 0.0),
             Mode::Iso => {
                 let iso = classification.iso.ok_or(SceneError::NoIsoValue)?;
                 // A hair below the value, so that a flat region of exactly that value is inside whatever rounding does.
@@ -72,6 +72,6 @@ impl Classified {
 
 /// The window of the default grey ramp, physical: the 1st to the 99.9th percentile of the voxels above the minimum.
 pub fn default_window(meta: &StoreMeta) -> [f64; 2] {
-    let ends = [meta.p1_above_min, meta.p99_9_above_min].map(|stored| meta.rescale.physical(stored));
+    let ends = [meta.percentiles.p1_above_min, meta.percentiles.p99_9_above_min].map(|stored| meta.rescale.physical(stored));
     [ends[0].min(ends[1]), ends[0].max(ends[1])]
 }

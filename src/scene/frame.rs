@@ -26,14 +26,7 @@ fn world_from_voxel(world_from_index: &DAffine3) -> DAffine3 {
 /// Centre and radius (world mm) of the sphere around the rendered box of a volume of `dims` voxels.
 pub fn volume_bounds(dims: U64Vec3, world_from_index: &DAffine3) -> BoundingSphere {
     let to_world = world_from_voxel(world_from_index);
-    let bounds = rendered_box(dims);
-    let center = to_world.transform_point3(bounds.center());
-    let radius = bounds
-        .corners()
-        .into_iter()
-        .map(|c| to_world.transform_point3(c).distance(center))
-        .fold(0.0, f64::max);
-    BoundingSphere { center, radius }
+    BoundingSphere::of_corners(&rendered_box(dims).corners().map(|c| to_world.transform_point3(c)))
 }
 
 /// The sample grid of one frame at one level. A pixel (px, py) has the image-plane coordinates

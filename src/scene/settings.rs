@@ -37,6 +37,11 @@ pub struct IsoSurface {
     pub color: Vec3,
 }
 
+impl IsoSurface {
+    /// The colour of a surface when none is given: a warm near-white.
+    pub const DEFAULT_COLOR: Vec3 = Vec3::new(0.92, 0.88, 0.80);
+}
+
 /// Are samples lit?
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShadingModel {

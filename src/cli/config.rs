@@ -1,0 +1,291 @@
+//! What was typed about a picture, and what it means for a volume: names looked up, defaults filled in, files read.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use clap::ValueEnum;
+use glam::DVec3;
+
+use super::args::{self, ByteSize};
+use crate::camera::{Camera, DEFAULT_FOV_Y_DEGREES, Projection};
+use crate::classify::{Preset, TransferFunction, grey_ramp, read_paraview, window_range};
+use crate::engine::{DeviceChoice, EngineOptions};
+use crate::scene::{
+    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, Shading, ShadingModel,
+    Technique, default_window, volume_bounds,
+};
+use crate::store::StoreMeta;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ModeArg {
+    Dvr,
+    Iso,
+    Mip,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ShadingArg {
+    None,
+    Phong,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum InterpolationArg {
+    Linear,
+    Nearest,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Switch {
+    On,
+    Off,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ProjectionArg {
+    Perspective,
+    Orthographic,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TechniqueArg {
+    Default,
+    Basic,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TfModeArg {
+    Post,
+}
+
+/// The flags of a picture, as typed.
+#[derive(Debug, clap::Args)]
+pub(super) struct PictureArgs {
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = args::picture_size, help_heading = "Picture")]
+    size: [u32; 2],
+    /// Colour behind the volume, r,g,b from 0 to 1 or #rrggbb, or transparent
+    #[arg(long, value_name = "COLOR", default_value = "0,0,0", value_parser = args::background, help_heading = "Picture")]
+    background: Background,
+    /// What is computed along a ray
+    #[arg(long, value_enum, default_value = "dvr", help_heading = "Picture")]
+    mode: ModeArg,
+    /// Value of the surface of mode iso, physical (HU for CT), with its colour
+    #[arg(long, value_name = "VALUE[:COLOR]", value_parser = args::iso_surface, allow_hyphen_values = true, help_heading = "Picture")]
+    iso: Option<IsoSurface>,
+
+    /// Transfer function: a name of 'brickscope presets', or a ParaView JSON file
+    #[arg(long, value_name = "NAME|FILE.json", help_heading = "Classification")]
+    tf: Option<String>,
+    /// Grey ramp, or the range of a relative preset, physical
+    #[arg(long, value_name = "CENTER,WIDTH", value_parser = args::pair, allow_hyphen_values = true, help_heading = "Classification")]
+    window: Option<[f64; 2]>,
+    /// Length for which the opacity holds [default: the smallest spacing]
+    #[arg(long, value_name = "MM", value_parser = args::positive, help_heading = "Classification")]
+    opacity_unit: Option<f64>,
+    /// Classify samples after interpolation
+    #[arg(long, value_enum, default_value = "post", help_heading = "Classification")]
+    tf_mode: TfModeArg,
+
+    /// Lighting [default: phong for iso, none otherwise]
+    #[arg(long, value_enum, help_heading = "Light")]
+    shading: Option<ShadingArg>,
+    /// Direction in which the light shines, world [default: along each ray]
+    #[arg(long, value_name = "dx,dy,dz", value_parser = args::vec3, allow_hyphen_values = true, help_heading = "Light")]
+    light: Option<DVec3>,
+    /// Share of the colour that needs no light
+    #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
+    ambient: Option<f64>,
+    /// Share of the colour under perpendicular light
+    #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
+    diffuse: Option<f64>,
+    /// Brightness of the highlight
+    #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
+    specular: Option<f64>,
+    /// Sharpness of the highlight
+    #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
+    shininess: Option<f64>,
+
+    /// Distance of samples in units of the smallest spacing of level 0
+    #[arg(long, value_name = "VOXELS", default_value = "0.5", value_parser = args::positive, help_heading = "Sampling")]
+    step: f64,
+    /// Values between voxel centres
+    #[arg(long, value_enum, default_value = "linear", help_heading = "Sampling")]
+    interpolation: InterpolationArg,
+    /// Refine iso-surfaces by bisection
+    #[arg(long, value_enum, default_value = "on", help_heading = "Sampling")]
+    refine: Switch,
+    /// Level of detail: auto (the finest that fits the memory) or a level's number
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = args::lod, help_heading = "Sampling")]
+    lod: LodChoice,
+    /// A ray ends at this opacity
+    #[arg(long, default_value = "0.99", value_parser = args::cutoff, help_heading = "Sampling")]
+    opacity_cutoff: f32,
+
+    /// Position of the camera, world mm (RAS+)
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, conflicts_with_all = ["orbit", "camera"], help_heading = "Camera")]
+    eye: Option<DVec3>,
+    /// What the camera looks at, world mm [default: the volume's centre]
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, requires = "eye", help_heading = "Camera")]
+    target: Option<DVec3>,
+    /// What is up in the picture [default: 0,0,1]
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, requires = "eye", help_heading = "Camera")]
+    up: Option<DVec3>,
+    /// Vertical field of view, degrees [default: 30]
+    #[arg(long, value_name = "DEGREES", value_parser = args::positive, conflicts_with = "camera", help_heading = "Camera")]
+    fov: Option<f64>,
+    /// Camera on a sphere about the volume: 0,0 is the anterior view, 90,0 the patient's left [default: 0,0,1]
+    #[arg(long, value_name = "AZ,EL[,ZOOM]", value_parser = args::orbit, allow_hyphen_values = true, conflicts_with = "camera", help_heading = "Camera")]
+    orbit: Option<[f64; 3]>,
+    /// Camera from a file
+    #[arg(long, value_name = "FILE.json", help_heading = "Camera")]
+    camera: Option<PathBuf>,
+    /// How rays run [default: perspective]
+    #[arg(long, value_enum, help_heading = "Camera")]
+    projection: Option<ProjectionArg>,
+    /// Nothing nearer than this is seen, mm
+    #[arg(long, value_name = "MM", value_parser = args::not_negative, help_heading = "Camera")]
+    near: Option<f64>,
+
+    /// auto, cpu, or part of a graphics adapter's name
+    #[arg(long, default_value = "auto", help_heading = "Machine")]
+    device: String,
+    /// Bound of all memory on the graphics adapter [default: what it can give]
+    #[arg(long, value_name = "SIZE", help_heading = "Machine")]
+    gpu_memory: Option<ByteSize>,
+    /// How rays are walked; both give the same picture
+    #[arg(long, value_enum, default_value = "default", help_heading = "Machine")]
+    technique: TechniqueArg,
+}
+
+impl PictureArgs {
+    /// The colour behind the volume.
+    pub(super) fn background(&self) -> Background {
+        self.background
+    }
+
+    /// Device and budgets.
+    pub(super) fn engine_options(&self) -> EngineOptions {
+        let device = match self.device.as_str() {
+            "auto" => DeviceChoice::Auto,
+            "cpu" => DeviceChoice::Cpu,
+            name => DeviceChoice::Named(name.to_owned()),
+        };
+        EngineOptions { device, gpu_memory_bytes: self.gpu_memory.map(|s| s.0), ..EngineOptions::default() }
+    }
+
+    /// The picture that is meant, for the volume of `meta`. Remarks for the user go into `notes`.
+    ///
+    /// # Errors
+    /// A file can't be read, a name is unknown, or the flags contradict each other.
+    pub(super) fn settings(&self, meta: &StoreMeta, notes: &mut Vec<String>) -> anyhow::Result<PictureSettings> {
+        let mode = match self.mode {
+            ModeArg::Dvr => Mode::Dvr,
+            ModeArg::Iso => Mode::Iso,
+            ModeArg::Mip => Mode::Mip,
+        };
+        if mode == Mode::Iso && self.iso.is_none() {
+            bail!("mode iso needs a value; give one with --iso VALUE, in physical units (such as 300 for HU)");
+        }
+        Ok(PictureSettings {
+            size: self.size,
+            background: self.background,
+            mode,
+            classification: Classification {
+                transfer: self.transfer(mode, meta, notes)?,
+                opacity_unit_mm: self.opacity_unit,
+                iso: self.iso,
+            },
+            shading: self.shading(mode)?,
+            step: self.step,
+            interpolation: match self.interpolation {
+                InterpolationArg::Linear => Interpolation::Linear,
+                InterpolationArg::Nearest => Interpolation::Nearest,
+            },
+            refine: self.refine == Switch::On,
+            lod: self.lod,
+            opacity_cutoff: self.opacity_cutoff,
+            technique: match self.technique {
+                TechniqueArg::Default => Technique::Default,
+                TechniqueArg::Basic => Technique::Basic,
+            },
+            camera: self.camera(meta)?,
+        })
+    }
+
+    fn transfer(&self, mode: Mode, meta: &StoreMeta, notes: &mut Vec<String>) -> anyhow::Result<TransferFunction> {
+        let TfModeArg::Post = self.tf_mode;
+        let range = match self.window {
+            Some([center, width]) => window_range(center, width)
+                .with_context(|| format!("--window {center},{width}: expected a centre and a width above 0"))?,
+            None => default_window(meta),
+        };
+        // cli.md, "Colour": a ramp is half opaque at its end, except where the look-up is a projection's only one.
+        let top_opacity = if mode == Mode::Mip { 1.0 } else { 0.5 };
+        let Some(name) = &self.tf else {
+            return Ok(grey_ramp(range[0], range[1], top_opacity)?);
+        };
+        if let Some(preset) = Preset::find(name) {
+            return preset.instantiate(range, top_opacity).with_context(|| format!("--tf {name}"));
+        }
+        let path = PathBuf::from(name);
+        if !name.ends_with(".json") && !path.exists() {
+            bail!("--tf {name}: no such preset or file; presets are {}", Preset::names());
+        }
+        let mut functions = read_paraview(&path)?;
+        if functions.len() > 1 {
+            notes.push(format!("{name} holds {} transfer functions; using the first, '{}'", functions.len(), functions[0].name));
+        }
+        Ok(functions.swap_remove(0))
+    }
+
+    fn shading(&self, mode: Mode) -> anyhow::Result<Shading> {
+        let default = Shading::default();
+        let model = match self.shading {
+            Some(ShadingArg::None) => ShadingModel::None,
+            Some(ShadingArg::Phong) => ShadingModel::Phong,
+            None if mode == Mode::Iso => ShadingModel::Phong,
+            None => ShadingModel::None,
+        };
+        if self.light.is_some_and(|d| d == DVec3::ZERO) {
+            bail!("--light 0,0,0 has no direction");
+        }
+        let or = |given: Option<f64>, default: f32| given.map_or(default, |v| v as f32);
+        Ok(Shading {
+            model,
+            light: self.light,
+            ambient: or(self.ambient, default.ambient),
+            diffuse: or(self.diffuse, default.diffuse),
+            specular: or(self.specular, default.specular),
+            shininess: or(self.shininess, default.shininess),
+        })
+    }
+
+    fn camera(&self, meta: &StoreMeta) -> anyhow::Result<Camera> {
+        let bounds = volume_bounds(meta.dims, &meta.world_from_index);
+        let fov = self.fov.unwrap_or(DEFAULT_FOV_Y_DEGREES);
+        let mut camera = if let Some(path) = &self.camera {
+            Camera::read(path)?
+        } else if let Some(eye) = self.eye {
+            let target = self.target.unwrap_or(bounds.center);
+            // Looking straight up or down, +z can't be up: anterior is.
+            let vertical = (target - eye).normalize_or_zero().z.abs() > 1.0 - 1e-9;
+            let up = self.up.unwrap_or(if vertical { DVec3::Y } else { DVec3::Z });
+            Camera { eye, target, up, fov_y_degrees: fov, projection: Projection::Perspective, near_mm: 0.0 }
+        } else {
+            let [azimuth, elevation, zoom] = self.orbit.unwrap_or([0.0, 0.0, 1.0]);
+            Camera::orbit(&bounds, azimuth, elevation, zoom, fov)?
+        };
+        if let Some(projection) = self.projection {
+            camera.projection = match projection {
+                ProjectionArg::Perspective => Projection::Perspective,
+                ProjectionArg::Orthographic => Projection::Orthographic,
+            };
+        }
+        if let Some(near) = self.near {
+            camera.near_mm = near;
+        }
+        camera.basis()?;
+        Ok(camera)
+    }
+}
