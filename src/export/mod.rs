@@ -1,1 +1,14 @@
-//! (being built)
+//! Volumes and pictures out: NIfTI, NRRD, raw and PNG.
+//!
+//! Writers get voxels in z order and stream them; each file appears only when it is complete ([`crate::outfile`]).
+//! No rendering here, and no choice of what is exported.
+
+mod nifti;
+mod nrrd;
+mod png;
+mod raw;
+mod sink;
+mod writer;
+
+pub use self::png::write_png;
+pub use self::writer::{ExportError, VolumeWriter, create};

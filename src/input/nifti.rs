@@ -383,7 +383,12 @@ fn world_from_index(
     dims: U64Vec3,
 ) -> Result<DAffine3, SourceError> {
     let layout = f.layout;
-    let mm_per_unit = match f.bytes[layout.xyzt_units] & 7 {
+    let units = if layout.wide {
+        f.code(layout.xyzt_units, 0)
+    } else {
+        i64::from(f.bytes[layout.xyzt_units])
+    };
+    let mm_per_unit = match units & 7 {
         1 => 1000.0,
         3 => 0.001,
         _ => 1.0,

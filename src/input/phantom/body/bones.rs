@@ -125,7 +125,7 @@ fn rib(body: &mut Body, v: &Vertebra, number: usize, side: f64) {
         138.0, 145.0, 148.0, 150.0, 150.0, 147.0, 143.0, 136.0, 128.0, 118.0, 84.0, 62.0,
     ];
     let end = ENDS[number - 1];
-    let drop = 0.07 + 0.018 * number.min(8) as f64;
+    let drop = 0.11 + 0.021 * number.min(8) as f64;
     let at = |degrees: f64| {
         let angle = degrees.to_radians();
         let (sin, cos) = (libm::sin(angle), libm::cos(angle));

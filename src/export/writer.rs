@@ -1,0 +1,93 @@
+//! [`VolumeWriter`]: what all volume formats have in common, and which file name means which.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use super::{nifti, nrrd, raw};
+use crate::outfile::{Existing, OutFileError};
+use crate::volume::VolumeDesc;
+
+/// Why a volume or a picture can't be written.
+#[derive(Debug, Error)]
+pub enum ExportError {
+    /// The file can't be made or given its name.
+    #[error(transparent)]
+    File(#[from] OutFileError),
+    /// Writing failed.
+    #[error("{}: cannot write: {error}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        error: io::Error,
+    },
+    /// The name says no format that is built.
+    #[error("{}: unknown format of a volume; supported are .nii.gz, .nrrd and .raw", .0.display())]
+    UnknownFormat(PathBuf),
+    /// The format has no room for something.
+    #[error("{}: {what}; write .nrrd or .raw instead", path.display())]
+    DoesNotFit {
+        /// The file.
+        path: PathBuf,
+        /// What has no room.
+        what: String,
+    },
+    /// The bytes given are not the volume's or picture's.
+    #[error("{}: expected {expected} bytes, got {found}; nothing was written", path.display())]
+    Length {
+        /// The file.
+        path: PathBuf,
+        /// What the size of the volume or picture asks for.
+        expected: u64,
+        /// What was given.
+        found: u64,
+    },
+}
+
+/// A volume being written. Dropping it unfinished leaves no file behind.
+pub trait VolumeWriter {
+    /// Appends voxels: whole ones, in the volume's type, little-endian, x fastest, z rising.
+    ///
+    /// # Errors
+    /// The disk is full, or `bytes_le` ends inside a voxel.
+    fn write(&mut self, bytes_le: &[u8]) -> io::Result<()>;
+
+    /// Completes the file and gives it its name.
+    ///
+    /// # Errors
+    /// More or fewer voxels came than the volume has, or the file can't be completed.
+    fn finish(self: Box<Self>) -> Result<(), ExportError>;
+}
+
+/// Starts writing the volume that `desc` describes to `path`; the name (`.nii.gz`, `.nrrd` or `.raw`) says the format.
+///
+/// NIfTI keeps voxels, type, rescale and affine. NRRD has no rescale: where there is one, physical values are written as
+/// double. Raw keeps voxels and type only.
+///
+/// # Errors
+/// The name says no format that is built, or the file can't be made.
+pub fn create(
+    path: &Path,
+    desc: &VolumeDesc,
+    existing: Existing,
+) -> Result<Box<dyn VolumeWriter>, ExportError> {
+    let name = path
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_ascii_lowercase();
+    if name.ends_with(".nii.gz") {
+        Ok(Box::new(nifti::create(path, desc, existing)?))
+    } else if name.ends_with(".nrrd") {
+        Ok(Box::new(nrrd::create(path, desc, existing)?))
+    } else if name.ends_with(".raw") {
+        Ok(Box::new(raw::create(path, desc, existing)?))
+    } else {
+        Err(ExportError::UnknownFormat(path.to_owned()))
+    }
+}
+
+#[cfg(test)]
+mod tests;
