@@ -99,8 +99,8 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         loop {
             let in_brick = (*walk).block & vec3i(i32(BLOCKS_PER_EDGE) - 1);
             let bit = u32(in_brick.x + i32(BLOCKS_PER_EDGE) * (in_brick.y + i32(BLOCKS_PER_EDGE) * in_brick.z));
-            let active = ((occupancy[row * 16u + (bit >> 5u)] >> (bit & 31u)) & 1u) != 0u;
-            if active {
+            let is_active = ((occupancy[row * 16u + (bit >> 5u)] >> (bit & 31u)) & 1u) != 0u;
+            if is_active {
                 if started < 0.0 {
                     started = (*walk).at;
                 }
