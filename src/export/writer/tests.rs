@@ -173,7 +173,7 @@ fn pictures_keep_their_bytes() {
     let rgba: Vec<u8> = (0..24).map(|i| i * 10).collect();
     for opaque in [true, false] {
         write_png(&path, 3, 2, &rgba, opaque, Existing::Replace).unwrap();
-        let file = std::io::BufReader::new(std::fs::File::open(&path).unwrap());
+        let file = io::BufReader::new(std::fs::File::open(&path).unwrap());
         let mut reader = png::Decoder::new(file).read_info().unwrap();
         let mut out = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut out).unwrap();
