@@ -1,4 +1,7 @@
-//! NIfTI in one gzip-compressed file: NIfTI-1, or NIfTI-2 where NIfTI-1 has no room for the sizes or would round the rescale.
+//! NIfTI in one gzip-compressed file: NIfTI-1, or NIfTI-2 where NIfTI-1 has no room for the sizes.
+//!
+//! NIfTI-1 keeps slope, intercept and affine in f32, so numbers that f32 lacks are rounded there. It is written
+//! nevertheless: ITK, and with it 3D Slicer, does not read NIfTI-2.
 
 use std::path::Path;
 
@@ -23,10 +26,7 @@ pub(super) fn create(
     existing: Existing,
 ) -> Result<Sink, ExportError> {
     let dims = desc.dims.to_array();
-    let exact = |v: f64| f64::from(v as f32) == v;
-    let narrow = dims.iter().all(|&n| n <= i16::MAX as u64)
-        && exact(desc.rescale.slope)
-        && exact(desc.rescale.intercept);
+    let narrow = dims.iter().all(|&n| n <= i16::MAX as u64);
     if dims.iter().any(|&n| n > i64::MAX as u64) {
         return Err(ExportError::DoesNotFit {
             path: path.to_owned(),
@@ -75,12 +75,12 @@ fn qform(affine: &DAffine3) -> Option<Qform> {
 }
 
 /// Little-endian numbers put at fixed places of a header, in the width of its version.
-struct Header12 {
+struct HeaderBytes {
     bytes: Vec<u8>,
     wide: bool,
 }
 
-impl Header12 {
+impl HeaderBytes {
     fn new(wide: bool) -> Self {
         // The header and four bytes that say that no extension follows.
         let bytes = vec![0; if wide { 544 } else { 352 }];
@@ -143,7 +143,7 @@ struct Places {
 }
 
 fn nifti_1(desc: &VolumeDesc) -> Vec<u8> {
-    let mut h = Header12::new(false);
+    let mut h = HeaderBytes::new(false);
     h.put(0, &348i32.to_le_bytes());
     h.put(40, &3i16.to_le_bytes());
     let dims = desc.dims.to_array().map(|n| n as i16);
@@ -166,7 +166,7 @@ fn nifti_1(desc: &VolumeDesc) -> Vec<u8> {
 }
 
 fn nifti_2(desc: &VolumeDesc) -> Vec<u8> {
-    let mut h = Header12::new(true);
+    let mut h = HeaderBytes::new(true);
     h.put(0, &540i32.to_le_bytes());
     h.put(4, b"n+2\0\r\n\x1a\n");
     h.put(12, &datatype(desc.voxel_type).to_le_bytes());

@@ -63,7 +63,7 @@ pub trait VolumeWriter {
 
 /// Starts writing the volume that `desc` describes to `path`; the name (`.nii.gz`, `.nrrd` or `.raw`) says the format.
 ///
-/// NIfTI keeps voxels, type, rescale and affine. NRRD has no rescale: where there is one, physical values are written as
+/// NIfTI keeps voxels, type, rescale and affine (the latter two as f32 up to 32767 voxels per axis). NRRD has no rescale: where there is one, physical values are written as
 /// double. Raw keeps voxels and type only.
 ///
 /// # Errors

@@ -301,9 +301,9 @@ fn dims(subject: &Subject<'_>, f: &Fields<'_>) -> Result<U64Vec3, SourceError> {
         return Err(subject.malformed("dim[0]", "1 to 7 dimensions", count.to_string()));
     }
     let mut dims = [1u64; 8];
-    for i in 1..=count as usize {
+    for (i, dim) in dims.iter_mut().enumerate().skip(1).take(count as usize) {
         let n = f.int(at, i);
-        dims[i] = u64::try_from(n).ok().filter(|&n| n > 0).ok_or_else(|| {
+        *dim = u64::try_from(n).ok().filter(|&n| n > 0).ok_or_else(|| {
             subject.malformed(format!("dim[{i}]"), "a size of at least 1", n.to_string())
         })?;
     }

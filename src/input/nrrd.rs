@@ -86,7 +86,16 @@ fn parse_fields<'a>(subject: Subject<'a>, lines: &[String]) -> Result<Fields<'a>
         }
         match line.split_once(':') {
             Some((_, value)) if value.starts_with('=') => {}
-            Some((name, value)) => fields.insert(name, value)?,
+            Some((name, value)) => {
+                fields.insert(name, value)?;
+                let name = name.trim().to_ascii_lowercase();
+                if matches!(name.as_str(), "data file" | "datafile")
+                    && value.trim_start().starts_with("LIST")
+                {
+                    // What follows are names of files.
+                    break;
+                }
+            }
             None => {
                 let place = format!("line {}", i + 2);
                 return Err(subject.malformed(place, "'field: value'", quoted(line)));

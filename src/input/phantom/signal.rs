@@ -68,19 +68,17 @@ pub(super) struct Sponge {
 }
 
 /// Cells of the gyroid along each edge of the box.
-const CELLS: f64 = 5.0;
-/// The field's value at the surface: the lower, the more is solid.
-const SURFACE: f32 = -0.2;
+const CELLS: f64 = 4.0;
+/// The field's value at the surface: the lower, the more is solid. Below 0 the box's corners cut pieces loose.
+const SURFACE: f32 = 0.2;
 /// The solid's value, in fractions of full scale.
 const SOLID: f32 = 0.5;
 
 /// Sine and cosine at each voxel of an axis.
 fn waves(first: u64, end: u64, n: u64) -> Vec<[f32; 2]> {
     let wave = |p: f64| {
-        [
-            libm::sin(PI * CELLS * p) as f32,
-            libm::cos(PI * CELLS * p) as f32,
-        ]
+        let phase = PI * CELLS * p;
+        [libm::sin(phase) as f32, libm::cos(phase) as f32]
     };
     centers(first, end, n).into_iter().map(wave).collect()
 }

@@ -30,7 +30,7 @@ const FORKS: u32 = 6;
 const PIECES: usize = 5;
 /// Child to parent: radii keep r³ in sum at a fork (Murray's law), lengths fall a little slower.
 const RADIUS_RATIO: f64 = 0.794;
-const LENGTH_RATIO: f64 = 0.82;
+const LENGTH_RATIO: f64 = 0.8;
 /// Wall and lumen to lumen.
 const WALL_RATIO: f64 = 1.45;
 /// Directions tried for a branch; the one that keeps clear of the rest is taken.
@@ -43,7 +43,7 @@ pub fn vessel_tree() -> Vec<TubeSegment> {
         parent: None,
         from: DVec3::new(0.5, 0.5, 0.0),
         direction: DVec3::Z,
-        length: 0.26,
+        length: 0.23,
         radius: 0.04,
     };
     // Breadth first: thick branches choose their place before thin ones.
@@ -74,7 +74,7 @@ impl Branch {
     fn grow(&self, tree: &mut Vec<TubeSegment>, seed: u32) -> usize {
         let mut parent = self.parent;
         let mut from = self.from;
-        for (piece, direction) in self.path(seed).into_iter().enumerate() {
+        for direction in self.path(seed) {
             let to = from + direction * (self.length / PIECES as f64);
             tree.push(TubeSegment {
                 from,
@@ -83,21 +83,23 @@ impl Branch {
                 outer_radius: self.radius * WALL_RATIO,
                 parent,
             });
-            debug_assert!(piece < PIECES, "a branch has {PIECES} pieces");
             parent = Some(tree.len() - 1);
             from = to;
         }
         tree.len() - 1
     }
 
-    /// The directions of the pieces.
+    /// The directions of the pieces: bent to one side, and back inward near the faces of the box.
     fn path(&self, seed: u32) -> [DVec3; PIECES] {
-        let bend = side(self.direction, seed) * 0.12;
-        let mut direction = self.direction;
+        let bend = side(self.direction, seed) * 0.08;
+        let piece = self.length / PIECES as f64;
+        let (mut direction, mut at) = (self.direction, self.from);
         std::array::from_fn(|_| {
-            let now = direction;
-            direction = (direction + bend).normalize();
-            now
+            let inward = DVec3::splat(0.5) - at;
+            let near_face = (inward.abs().max_element() - 0.34).max(0.0);
+            direction = (direction + bend + inward * (4.0 * near_face)).normalize();
+            at += direction * piece;
+            direction
         })
     }
 
@@ -121,13 +123,13 @@ impl Branch {
             .map(|i| side(along, seed.wrapping_mul(TRIES).wrapping_add(i)))
             .max_by(|a, b| {
                 let least = |s: &DVec3| {
-                    clearance((along + *s * 0.75).normalize())
-                        .min(clearance((along - *s * 0.75).normalize()))
+                    clearance((along + *s * 0.62).normalize())
+                        .min(clearance((along - *s * 0.62).normalize()))
                 };
                 least(a).total_cmp(&least(b))
             })
             .unwrap_or(DVec3::X);
-        [0.75, -0.75].map(|tilt| Self {
+        [0.62, -0.62].map(|tilt| Self {
             parent: Some(end),
             from: last.to,
             direction: (along + best * tilt).normalize(),
