@@ -111,6 +111,7 @@ pub fn brick(
         stored_type,
         levels: &levels,
         threads,
+        zstd_level: options.zstd_level,
     };
     let memory = needs.plan(options.memory_bytes)?;
     if options.threads.is_some_and(|asked| memory.workers < asked) {

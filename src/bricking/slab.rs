@@ -2,7 +2,8 @@
 
 use glam::U64Vec3;
 
-use crate::geom::{BRICK_EDGE, STORED_EDGE};
+use super::border::Window;
+use crate::geom::{BRICK_EDGE, STORED_EDGE, VoxelBox};
 use crate::store::Voxel;
 
 /// At most 34 neighbouring slices of a level.
@@ -62,6 +63,18 @@ impl<T: Voxel> Slab<T> {
         let at = (z - self.first) as usize;
         assert!(at < self.held, "invariant: slice {z} is in the slab");
         &self.voxels[at * self.slice_len..][..self.slice_len]
+    }
+
+    /// All slices held.
+    pub fn window(&self) -> Window<'_, T> {
+        Window {
+            level: self.dims,
+            held: VoxelBox::new(
+                U64Vec3::new(0, 0, self.first),
+                U64Vec3::new(self.dims.x, self.dims.y, self.next_z()),
+            ),
+            voxels: &self.voxels[..self.held * self.slice_len],
+        }
     }
 
     /// True when all slices of the current layer of bricks and its borders are held.

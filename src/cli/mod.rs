@@ -28,7 +28,11 @@ struct Cli {
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {}
+enum Command {
+    Brick(cmd::brick::Args),
+    Info(cmd::info::Args),
+    Verify(cmd::verify::Args),
+}
 
 /// Parses `argv` (with the program's name), runs the command, reports errors, and returns the exit code.
 pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
@@ -52,7 +56,11 @@ pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
             return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
         }
     };
-    let result: anyhow::Result<ExitCode> = match cli.command {};
+    let result: anyhow::Result<ExitCode> = match cli.command {
+        Command::Brick(args) => cmd::brick::run(args),
+        Command::Info(args) => cmd::info::run(args),
+        Command::Verify(args) => cmd::verify::run(args),
+    };
     match result.and_then(|code| io::stdout().flush().map(|()| code).map_err(Into::into)) {
         Ok(code) => code,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,

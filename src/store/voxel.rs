@@ -12,6 +12,9 @@ pub trait Voxel: Pod + PartialOrd + Default + Send + Sync + std::fmt::Display {
     /// The value; exact for all three types.
     fn to_f32(self) -> f32;
 
+    /// The voxel of this value, which must be one that [`Self::to_f32`] gives.
+    fn from_f32(value: f32) -> Self;
+
     /// The smaller of two.
     #[inline]
     fn lesser(self, other: Self) -> Self {
@@ -48,6 +51,10 @@ impl Voxel for u8 {
         f32::from(self)
     }
 
+    fn from_f32(value: f32) -> Self {
+        value as Self
+    }
+
     #[inline]
     fn same_bits(self, other: Self) -> bool {
         self == other
@@ -76,6 +83,10 @@ impl Voxel for u16 {
     #[inline]
     fn to_f32(self) -> f32 {
         f32::from(self)
+    }
+
+    fn from_f32(value: f32) -> Self {
+        value as Self
     }
 
     #[inline]
@@ -116,6 +127,10 @@ impl Voxel for f32 {
     #[inline]
     fn to_f32(self) -> f32 {
         self
+    }
+
+    fn from_f32(value: f32) -> Self {
+        value
     }
 
     #[inline]
