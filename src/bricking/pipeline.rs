@@ -407,7 +407,8 @@ impl<'a, T: Mean + Binned> Pass<'a, T> {
                 self.slice_came(l + 1)?;
             }
         }
-        if self.slabs[l].is_layer_complete() {
+        // A last slice that alone begins a layer of bricks completes two.
+        while self.slabs[l].is_layer_complete() {
             let layer = Layer {
                 lod: Lod(l as u8),
                 grid: &self.levels[l].grid,

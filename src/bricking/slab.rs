@@ -77,7 +77,8 @@ impl<T: Voxel> Slab<T> {
         }
     }
 
-    /// True when all slices of the current layer of bricks and its borders are held.
+    /// True when all slices of the current layer of bricks and its borders are held. After [`Self::roll`] the next one
+    /// may be complete at once: ask until it is not.
     pub fn is_layer_complete(&self) -> bool {
         let end = (u64::from(self.layer) + 1) * u64::from(BRICK_EDGE);
         self.next_z() == self.dims.z.min(end + 1) && self.dims.z > end - u64::from(BRICK_EDGE)

@@ -1,11 +1,13 @@
 //! The three voxel types that a store keeps, as Rust types: what the codec and the bricking loops are generic over.
 
+use std::fmt::{Debug, Display};
+
 use bytemuck::Pod;
 
 use crate::volume::StoredType;
 
 /// A voxel as it is stored: `u8`, `u16` or `f32` (always finite).
-pub trait Voxel: Pod + PartialOrd + Default + Send + Sync + std::fmt::Display {
+pub trait Voxel: Pod + PartialOrd + Default + Send + Sync + Debug + Display {
     /// The type's name in the store.
     const TYPE: StoredType;
 
