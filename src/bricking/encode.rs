@@ -97,7 +97,7 @@ impl<T: Binned> LayerEncoder<T> {
             .map(|&[x, y]| {
                 let id = BrickId::new(layer.lod, UVec3::new(x, y, layer.slab.layer()));
                 let mut worker = self.lend();
-                border::cut(layer.slab, id.xyz, &mut worker.voxels);
+                border::cut(&layer.slab.window(), id.xyz, &mut worker.voxels);
                 if layer.lod == Lod(0) {
                     let size = layer.grid.brick_box(id.xyz).size();
                     let size = size.to_array().map(|n| n as usize);

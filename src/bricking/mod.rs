@@ -27,3 +27,4 @@ pub use convert::{FiniteRange, finite_range};
 pub use error::BrickError;
 pub use pipeline::{BrickOptions, BrickingReport, brick};
 pub use progress::{NoProgress, Progress};
+pub use verify::{VerifyReport, verify};

@@ -111,6 +111,7 @@ pub fn brick(
         stored_type,
         levels: &levels,
         threads,
+        zstd_level: options.zstd_level,
     };
     let memory = needs.plan(options.memory_bytes)?;
     if options.threads.is_some_and(|asked| memory.workers < asked) {
@@ -406,7 +407,8 @@ impl<'a, T: Mean + Binned> Pass<'a, T> {
                 self.slice_came(l + 1)?;
             }
         }
-        if self.slabs[l].is_layer_complete() {
+        // A last slice that alone begins a layer of bricks completes two.
+        while self.slabs[l].is_layer_complete() {
             let layer = Layer {
                 lod: Lod(l as u8),
                 grid: &self.levels[l].grid,

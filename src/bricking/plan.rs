@@ -14,8 +14,8 @@ use crate::volume::{StoredType, VoxelType};
 const BASE_BYTES: u64 = 20 << 20;
 /// Least `--memory`.
 const FLOOR_BYTES: u64 = 128 << 20;
-/// zstd's context at low levels for inputs of a brick's size, measured at 1.3 MiB.
-const ZSTD_BYTES: u64 = 2 << 20;
+/// zstd's context for inputs of a brick's size at levels up to 3 (measured: 1.3 MiB), and at higher ones.
+const ZSTD_BYTES: [u64; 2] = [2 << 20, 8 << 20];
 /// A chunk of source slices larger than this brings nothing.
 const CHUNK_BYTES: u64 = 8 << 20;
 /// Chunks in being at once: one being read, one being converted.
@@ -137,6 +137,8 @@ pub struct Needs<'a> {
     pub levels: &'a [LevelPlan],
     /// Threads that there are.
     pub threads: usize,
+    /// zstd's level.
+    pub zstd_level: i32,
 }
 
 impl Needs<'_> {
@@ -226,7 +228,10 @@ impl Needs<'_> {
         let voxels = (STORED_VOXELS * self.stored_type.size()) as u64;
         let codec =
             codec::max_record_len(self.stored_type) + 2 * codec::plain_len(self.stored_type);
-        ZSTD_BYTES + 2 * voxels + codec as u64 + stats::worker_bytes(self.stored_type)
+        ZSTD_BYTES[usize::from(self.zstd_level > 3)]
+            + 2 * voxels
+            + codec as u64
+            + stats::worker_bytes(self.stored_type)
     }
 }
 
@@ -313,6 +318,7 @@ mod tests {
                 stored_type: StoredType::U16,
                 levels: &levels,
                 threads,
+                zstd_level: 1,
             };
             needs.plan(budget_mib << 20)
         };

@@ -1,6 +1,6 @@
 //! How far long work has come: told by the library, shown by its caller.
 
-/// Hears of work done. Called from one thread at a time, often: keep it cheap.
+/// Hears of work done. Called often, and from any thread: keep it cheap.
 pub trait Progress: Sync {
     /// Work of `total` bytes starts; `what` says which in a word or two.
     fn begin(&self, what: &str, total: u64);

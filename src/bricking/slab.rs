@@ -2,7 +2,8 @@
 
 use glam::U64Vec3;
 
-use crate::geom::{BRICK_EDGE, STORED_EDGE};
+use super::border::Window;
+use crate::geom::{BRICK_EDGE, STORED_EDGE, VoxelBox};
 use crate::store::Voxel;
 
 /// At most 34 neighbouring slices of a level.
@@ -64,7 +65,20 @@ impl<T: Voxel> Slab<T> {
         &self.voxels[at * self.slice_len..][..self.slice_len]
     }
 
-    /// True when all slices of the current layer of bricks and its borders are held.
+    /// All slices held.
+    pub fn window(&self) -> Window<'_, T> {
+        Window {
+            level: self.dims,
+            held: VoxelBox::new(
+                U64Vec3::new(0, 0, self.first),
+                U64Vec3::new(self.dims.x, self.dims.y, self.next_z()),
+            ),
+            voxels: &self.voxels[..self.held * self.slice_len],
+        }
+    }
+
+    /// True when all slices of the current layer of bricks and its borders are held. After [`Self::roll`] the next one
+    /// may be complete at once: ask until it is not.
     pub fn is_layer_complete(&self) -> bool {
         let end = (u64::from(self.layer) + 1) * u64::from(BRICK_EDGE);
         self.next_z() == self.dims.z.min(end + 1) && self.dims.z > end - u64::from(BRICK_EDGE)

@@ -260,7 +260,11 @@ impl<T: Binned> Totals<T> {
             .unwrap_or_else(PoisonError::into_inner);
         let (least, at_least) = sums.least.expect("invariant: a volume has voxels");
         let greatest = sums.greatest.expect("invariant: a volume has voxels");
-        let (min, max) = (f64::from(least.to_f32()), f64::from(greatest.to_f32()));
+        // Adding 0 turns −0 into 0, so that the order of equal values does not show.
+        let (min, max) = (
+            f64::from(least.to_f32()) + 0.0,
+            f64::from(greatest.to_f32()) + 0.0,
+        );
         let counts = Counts::<T> {
             counts: &sums.counts,
             min,

@@ -30,6 +30,9 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Brick(cmd::brick::Args),
+    Info(cmd::info::Args),
+    Verify(cmd::verify::Args),
     Presets(cmd::presets::Args),
     Render(cmd::render::Args),
     Demo(cmd::demo::Args),
@@ -58,6 +61,9 @@ pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
         }
     };
     let result: anyhow::Result<ExitCode> = match cli.command {
+        Command::Brick(args) => cmd::brick::run(args),
+        Command::Info(args) => cmd::info::run(args),
+        Command::Verify(args) => cmd::verify::run(args),
         Command::Presets(args) => cmd::presets::run(args),
         Command::Render(args) => cmd::render::run(&args),
         Command::Demo(args) => cmd::demo::run(&args),

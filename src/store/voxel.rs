@@ -1,16 +1,21 @@
 //! The three voxel types that a store keeps, as Rust types: what the codec and the bricking loops are generic over.
 
+use std::fmt::{Debug, Display};
+
 use bytemuck::Pod;
 
 use crate::volume::StoredType;
 
 /// A voxel as it is stored: `u8`, `u16` or `f32` (always finite).
-pub trait Voxel: Pod + PartialOrd + Default + Send + Sync + std::fmt::Display {
+pub trait Voxel: Pod + PartialOrd + Default + Send + Sync + Debug + Display {
     /// The type's name in the store.
     const TYPE: StoredType;
 
     /// The value; exact for all three types.
     fn to_f32(self) -> f32;
+
+    /// The voxel of this value, which must be one that [`Self::to_f32`] gives.
+    fn from_f32(value: f32) -> Self;
 
     /// The smaller of two.
     #[inline]
@@ -48,6 +53,10 @@ impl Voxel for u8 {
         f32::from(self)
     }
 
+    fn from_f32(value: f32) -> Self {
+        value as Self
+    }
+
     #[inline]
     fn same_bits(self, other: Self) -> bool {
         self == other
@@ -76,6 +85,10 @@ impl Voxel for u16 {
     #[inline]
     fn to_f32(self) -> f32 {
         f32::from(self)
+    }
+
+    fn from_f32(value: f32) -> Self {
+        value as Self
     }
 
     #[inline]
@@ -116,6 +129,10 @@ impl Voxel for f32 {
     #[inline]
     fn to_f32(self) -> f32 {
         self
+    }
+
+    fn from_f32(value: f32) -> Self {
+        value
     }
 
     #[inline]

@@ -1,5 +1,9 @@
 //! One file per command.
 
-pub mod presets;
+pub mod brick;
 pub mod demo;
+pub mod info;
+pub mod presets;
+mod progress;
 pub mod render;
+pub mod verify;
