@@ -52,7 +52,7 @@ from vtkmodules.vtkRenderingCore import (
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401: registers the window
 from vtkmodules.vtkRenderingVolumeOpenGL2 import vtkOpenGLGPUVolumeRayCastMapper
 
-from compare_readers import read_outside
+from compare_readers import program, read_outside
 
 SIZE = 512
 FOV = 30.0
@@ -350,7 +350,7 @@ def compare_times(args):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("brickscope", type=Path, metavar="BRICKSCOPE", help="the program")
+    parser.add_argument("brickscope", type=program, metavar="BRICKSCOPE", help="the program")
     parser.add_argument("data", type=Path, metavar="DATA", help="folder with nifti/, nrrd/, labels/")
     parser.add_argument("out", type=Path, metavar="OUT_FOLDER", help="stores and pictures go here")
     parser.add_argument("--device", default="llvmpipe", help="brickscope's --device [default: %(default)s]")
