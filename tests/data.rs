@@ -1,0 +1,117 @@
+//! Real scans (BRICKSCOPE_DATA): every file of a built format goes in, verifies, and is drawn alike by both renderers; one
+//! head in 48 axis orders and flips gives one picture.
+#![cfg(feature = "gpu")]
+
+#[path = "support/compare.rs"]
+#[allow(dead_code, reason = "shared with the other tests of pictures")]
+mod compare;
+#[path = "support/memory_source.rs"]
+#[allow(dead_code, reason = "shared with the tests of bricking")]
+mod memory_source;
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with the other tests of pictures")]
+mod scenes;
+
+use std::path::{Path, PathBuf};
+
+use brickscope::bricking::{self, NoProgress};
+use brickscope::classify::grey_ramp;
+use brickscope::scene::{Mode, PictureSettings, default_window};
+use compare::{coverage, difference};
+use scenes::{TestStore, drawn, reference, settings, store_of};
+
+/// The folder of the scans.
+fn data() -> PathBuf {
+    std::env::var_os("BRICKSCOPE_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
+}
+
+/// The files below `folder` (of the data) whose names end in one of `endings`, sorted.
+fn files(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
+    let mut out: Vec<PathBuf> = std::fs::read_dir(data().join(folder))
+        .unwrap_or_else(|e| panic!("{folder}: {e}"))
+        .map(|entry| entry.expect("a readable folder").path())
+        .filter(|path| endings.iter().any(|e| path.to_string_lossy().ends_with(e)))
+        .collect();
+    out.sort();
+    assert!(!out.is_empty(), "{folder} has files");
+    out
+}
+
+fn bricked(path: &Path) -> TestStore {
+    let mut source = brickscope::input::open(&path.to_string_lossy(), None).unwrap_or_else(|e| panic!("{e}"));
+    store_of(source.as_mut())
+}
+
+/// A picture with the default grey ramp from the default orbit.
+fn plain(store: &TestStore, mode: Mode, edge: u32) -> PictureSettings {
+    let mut s = settings(&store.store, mode);
+    let [low, high] = default_window(store.store.meta());
+    s.classification.transfer = grey_ramp(low, high, if mode == Mode::Mip { 1.0 } else { 0.5 }).expect("a window");
+    s.classification.iso.as_mut().expect("a surface").value = low + 0.3 * (high - low);
+    s.size = [edge; 2];
+    s
+}
+
+#[test]
+#[cfg_attr(no_brickscope_data, ignore = "no BRICKSCOPE_DATA")]
+fn every_scan_of_a_built_format_is_bricked_and_verifies() {
+    let lists = [
+        files("nifti", &[".nii", ".nii.gz"]),
+        files("nrrd", &[".nrrd", ".nhdr"]),
+        files("metaimage", &[".mha", ".mhd"]),
+        files("labels", &[".nii.gz"]),
+    ];
+    for path in lists.iter().flatten() {
+        let store = bricked(path);
+        let report = bricking::verify(&store.store, 10, &NoProgress).expect("the store can be read");
+        assert_eq!(report.fault_count, 0, "{}: {:?}", path.display(), report.faults);
+    }
+}
+
+#[test]
+#[cfg_attr(no_brickscope_data, ignore = "no BRICKSCOPE_DATA")]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn one_head_in_48_orientations_is_one_picture() {
+    let mut first: Option<brickscope::scene::Image> = None;
+    let paths = files("nifti/orientations", &[".nii.gz"]);
+    assert_eq!(paths.len(), 48, "all axis orders and flips");
+    for path in paths {
+        let store = bricked(&path);
+        let picture = drawn(&store, &plain(&store, Mode::Mip, 96)).image;
+        assert!(coverage(&picture) > 0.1, "{}: something is seen", path.display());
+        match &first {
+            None => first = Some(picture),
+            Some(first) => {
+                // The voxels are the same; affines are rounded to f32 in each file. An axis the wrong way round is off by
+                // a third of the range in most pixels.
+                let d = difference(first, &picture, 0.02);
+                assert!(d.mean < 2e-3 && d.beyond < 96, "{}: {d}", path.display());
+            }
+        }
+    }
+}
+
+#[test]
+#[cfg_attr(no_brickscope_data, ignore = "no BRICKSCOPE_DATA")]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn the_gpu_draws_scans_as_the_reference_does() {
+    let mut paths: Vec<PathBuf> = files("nifti/orientations", &[".nii.gz"]).into_iter().step_by(8).collect();
+    assert_eq!(paths.len(), 6, "six of the 48");
+    for name in ["nifti/T1.nii.gz", "labels/aorta-ct.nii.gz", "nrrd/tooth.nhdr", "nrrd/fetal-atlas.nrrd"] {
+        paths.push(data().join(name));
+    }
+    for path in paths {
+        let store = bricked(&path);
+        for mode in [Mode::Dvr, Mode::Iso, Mode::Mip] {
+            let s = plain(&store, mode, 256);
+            let (gpu, cpu) = (drawn(&store, &s).image, reference(&store, &s).image);
+            let d = difference(&gpu, &cpu, compare::TWIN_BOUND);
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            println!("{name:32} {:4} largest {:.2e} mean {:.2e} beyond {}", mode.name(), d.max, d.mean, d.beyond);
+            // As in tests/twin.rs: an iso hit is decided by comparing.
+            let allowed = if mode == Mode::Iso { gpu.pixels.len() / 1000 } else { 0 };
+            assert!(d.beyond <= allowed, "{name} {}: {d}", mode.name());
+        }
+    }
+}
