@@ -10,6 +10,13 @@ struct Walk {
     end: f32,
     // The 4³ block at `at`, in blocks of the level.
     block: vec3i,
+    // One block forward along the ray, per axis: ±1.
+    forward: vec3i,
+    // Where the ray leaves block (or brick) b on an axis, in samples: b · scale + shift.
+    block_scale: vec3f,
+    block_shift: vec3f,
+    brick_scale: vec3f,
+    brick_shift: vec3f,
     // The current run of samples, both inclusive.
     first: i32,
     last: i32,
@@ -32,23 +39,22 @@ fn walk_begin(ray: Ray, interval: vec2f) -> Walk {
     walk.last = ray.last;
     let last = vec3i(frame.level_bricks.xyz * BLOCKS_PER_EDGE) - 1;
     walk.block = clamp(walk_block_at(ray, walk.at), vec3i(0), last);
+    walk.forward = select(vec3i(-1), vec3i(1), ray.step > vec3f(0.0));
+    // The far face of b is at (b + 1 or b) · edge − anchor.
+    let face = vec3f(max(walk.forward, vec3i(0)));
+    let origin = vec3f(frame.anchor.xyz) + ray.base;
+    walk.block_scale = f32(BLOCK_EDGE) * ray.inverse_step;
+    walk.block_shift = (face * f32(BLOCK_EDGE) - origin) * ray.inverse_step;
+    walk.brick_scale = f32(BRICK_EDGE) * ray.inverse_step;
+    walk.brick_shift = (face * f32(BRICK_EDGE) - origin) * ray.inverse_step;
     return walk;
 }
 
-// Where the ray leaves the box of `size` voxels whose least corner is `corner` (level voxels), and by which axis.
-struct WalkExit {
-    at: f32,
-    axis: vec3<bool>,
-}
-
-fn walk_exit(ray: Ray, corner: vec3i, size: i32) -> WalkExit {
-    let far = vec3f(corner + select(vec3i(0), vec3i(size), ray.step > vec3f(0.0)) - frame.anchor.xyz);
-    let t = (far - ray.base) * ray.inverse_step;
-    let at = min(min(t.x, t.y), t.z);
-    // Exactly one axis: the first of equals.
-    let x = t.x == at;
-    let y = !x && t.y == at;
-    return WalkExit(at, vec3<bool>(x, y, !x && !y));
+// The axis of the least of three, exactly one: the first of equals.
+fn walk_axis(t: vec3f, least: f32) -> vec3<bool> {
+    let x = t.x == least;
+    let y = !x && t.y == least;
+    return vec3<bool>(x, y, !(x || y));
 }
 
 fn walk_activity(brick: vec3i) -> u32 {
@@ -58,20 +64,19 @@ fn walk_activity(brick: vec3i) -> u32 {
 
 // Crosses brick `brick` as a whole.
 fn walk_cross_brick(ray: Ray, walk: ptr<function, Walk>, brick: vec3i) {
-    let exit = walk_exit(ray, brick * i32(BRICK_EDGE), i32(BRICK_EDGE));
-    let direction = select(vec3i(-1), vec3i(1), ray.step > vec3f(0.0));
+    let t = vec3f(brick) * (*walk).brick_scale + (*walk).brick_shift;
+    let at = min(min(t.x, t.y), t.z);
     let low = brick * i32(BLOCKS_PER_EDGE);
     let high = low + i32(BLOCKS_PER_EDGE) - 1;
     // On the axes that stay, the block is where the ray is; on the axis that leaves, the neighbour's first block.
-    let inside = clamp(walk_block_at(ray, exit.at), low, high);
-    let beyond = select(low - 1, high + 1, direction > vec3i(0));
-    (*walk).block = select(inside, beyond, exit.axis);
-    (*walk).at = max((*walk).at, exit.at);
+    let inside = clamp(walk_block_at(ray, at), low, high);
+    let beyond = select(low - 1, high + 1, (*walk).forward > vec3i(0));
+    (*walk).block = select(inside, beyond, walk_axis(t, at));
+    (*walk).at = max((*walk).at, at);
 }
 
 // Finds the next run; false when there is none. The caller takes samples walk.first ..= walk.last.
 fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
-    let direction = select(vec3i(-1), vec3i(1), ray.step > vec3f(0.0));
     let bricks = vec3i(frame.level_bricks.xyz);
     loop {
         if (*walk).at > (*walk).end {
@@ -109,9 +114,10 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
             } else if started >= 0.0 {
                 break;
             }
-            let exit = walk_exit(ray, (*walk).block * i32(BLOCK_EDGE), i32(BLOCK_EDGE));
-            (*walk).block += select(vec3i(0), direction, exit.axis);
-            (*walk).at = max((*walk).at, exit.at);
+            let t = vec3f((*walk).block) * (*walk).block_scale + (*walk).block_shift;
+            let at = min(min(t.x, t.y), t.z);
+            (*walk).block += select(vec3i(0), (*walk).forward, walk_axis(t, at));
+            (*walk).at = max((*walk).at, at);
             if any(((*walk).block >> vec3u(BLOCKS_SHIFT)) != brick) || (*walk).at > (*walk).end {
                 break;
             }

@@ -25,7 +25,7 @@ use crate::scene::{
 use crate::store::StoreMeta;
 
 /// The volume of the demo: large enough to look right, small enough for a minute on two cores without a GPU.
-const VOLUME: &str = "phantom:body:192,128,224:u16";
+const VOLUME: &str = "phantom:body:256,170,300:u16";
 /// Where it goes.
 const FOLDER: &str = "brickscope-demo";
 
