@@ -3,10 +3,13 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use glam::U64Vec3;
 use thiserror::Error;
 
 use super::{nifti, nrrd, raw};
+use crate::geom::VoxelBox;
 use crate::outfile::{Existing, OutFileError};
+use crate::store::StoreError;
 use crate::volume::VolumeDesc;
 
 /// Why a volume or a picture can't be written.
@@ -15,6 +18,35 @@ pub enum ExportError {
     /// The file can't be made or given its name.
     #[error(transparent)]
     File(#[from] OutFileError),
+    /// The store can't be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A level that the store does not have.
+    #[error("{}: there is no level {asked}; the levels are 0 to {last}", store.display())]
+    NoSuchLevel {
+        /// The store.
+        store: PathBuf,
+        /// What was asked for.
+        asked: u8,
+        /// The coarsest level.
+        last: usize,
+    },
+    /// A box that holds nothing or reaches beyond its level.
+    #[error(
+        "{}: the box from {} to {} is empty or not inside level {lod}, which is {dims} voxels; the first corner is the \
+         first voxel inside, the second the first one outside",
+        store.display(), asked.min, asked.max
+    )]
+    BoxOutside {
+        /// The store.
+        store: PathBuf,
+        /// What was asked for.
+        asked: VoxelBox,
+        /// Of which level.
+        lod: u8,
+        /// Voxels of that level.
+        dims: U64Vec3,
+    },
     /// Writing failed.
     #[error("{}: cannot write: {error}", path.display())]
     Write {
