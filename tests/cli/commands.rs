@@ -87,6 +87,28 @@ fn render_writes_picture_and_statistics() {
     }
 }
 
+/// Both devices draw the same picture. Needs an adapter; Mesa's software one will do.
+#[cfg(feature = "gpu")]
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS=1")]
+fn the_gpu_draws_what_the_cpu_draws() {
+    let folder = Folder::new();
+    let store = folder.brick("phantom:body:48,48,48:u16", "body.bsk");
+    let draw = |device: &str| {
+        let args = ["render", store, "-o", "p.png", "--size", "24x16", "--stats", "s.json", "--device", device];
+        folder.run(&args).expect(0);
+        let stats = fs::read_to_string(folder.file("s.json")).expect("statistics");
+        let stats: Value = serde_json::from_str(&stats).expect("JSON");
+        (stats["device"].as_str().map(str::to_owned), read_png(&folder.file("p.png")).2)
+    };
+    let (gpu, gpu_pixels) = draw("auto");
+    let (cpu, cpu_pixels) = draw("cpu");
+    assert_eq!([gpu.as_deref(), cpu.as_deref()], [Some("gpu"), Some("cpu")], "auto is the GPU");
+    let worst = gpu_pixels.iter().zip(&cpu_pixels).map(|(a, b)| a.abs_diff(*b)).max();
+    // 1e-4 of f32 may round to the next of 255 steps.
+    assert!(worst <= Some(1), "pixels differ by up to {worst:?} of 255");
+}
+
 /// The keys of cli.md's `--stats`, null where not applicable.
 #[test]
 fn statistics_have_every_key_of_the_contract() {
