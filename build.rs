@@ -13,7 +13,8 @@ fn main() {
 
     // tests/support/data.rs finds the folder in the same way, when the tests run.
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
-    let folder = env::var_os("BRICKSCOPE_DATA").map_or_else(|| root.join("../shared/data"), PathBuf::from);
+    let folder =
+        env::var_os("BRICKSCOPE_DATA").map_or_else(|| root.join("../shared/data"), PathBuf::from);
     let readme = folder.join("README.md");
     if readme.is_file() {
         // Should the folder go away, the tests are to be ignored again.

@@ -15,7 +15,11 @@ struct Module {
 }
 
 const fn module(layer: u8, name: &'static str, may_import: &'static [&'static str]) -> Module {
-    Module { name, layer, may_import }
+    Module {
+        name,
+        layer,
+        may_import,
+    }
 }
 
 /// The table. Rows of folders that are not there yet are those that are planned.
@@ -32,16 +36,42 @@ const MODULES: &[Module] = &[
     module(3, "export", &["store", "volume", "geom", "outfile"]),
     module(3, "bricking", &["store", "volume", "geom"]),
     module(3, "pager", &["store", "geom", "classify"]),
-    module(3, "scene", &["store", "camera", "classify", "volume", "geom"]),
+    module(
+        3,
+        "scene",
+        &["store", "camera", "classify", "volume", "geom"],
+    ),
     module(4, "path", &["store", "volume", "camera", "geom"]),
     module(4, "gpu", &["geom"]),
-    module(5, "render", &["gpu", "pager", "proxy", "clip", "classify", "camera", "volume", "geom", "scene"]),
-    module(5, "reference", &["store", "volume", "classify", "clip", "camera", "geom", "scene"]),
+    module(
+        5,
+        "render",
+        &[
+            "gpu", "pager", "proxy", "clip", "classify", "camera", "volume", "geom", "scene",
+        ],
+    ),
+    module(
+        5,
+        "reference",
+        &[
+            "store", "volume", "classify", "clip", "camera", "geom", "scene",
+        ],
+    ),
     module(
         6,
         "engine",
         &[
-            "render", "reference", "pager", "store", "gpu", "camera", "classify", "clip", "volume", "geom", "proxy",
+            "render",
+            "reference",
+            "pager",
+            "store",
+            "gpu",
+            "camera",
+            "classify",
+            "clip",
+            "volume",
+            "geom",
+            "proxy",
             "scene",
         ],
     ),
@@ -51,8 +81,26 @@ const MODULES: &[Module] = &[
         8,
         "cli",
         &[
-            "geom", "outfile", "volume", "camera", "classify", "input", "store", "proxy", "clip", "export", "path",
-            "bricking", "pager", "scene", "gpu", "render", "reference", "engine", "viewer", "server",
+            "geom",
+            "outfile",
+            "volume",
+            "camera",
+            "classify",
+            "input",
+            "store",
+            "proxy",
+            "clip",
+            "export",
+            "path",
+            "bricking",
+            "pager",
+            "scene",
+            "gpu",
+            "render",
+            "reference",
+            "engine",
+            "viewer",
+            "server",
         ],
     ),
 ];
@@ -69,7 +117,11 @@ fn code_only(text: &str) -> String {
     let chars: Vec<char> = text.chars().collect();
     let mut out = String::with_capacity(text.len());
     let blank = |c: char| if c == '\n' { '\n' } else { ' ' };
-    let starts = |i: usize, what: &str| what.chars().enumerate().all(|(k, c)| chars.get(i + k) == Some(&c));
+    let starts = |i: usize, what: &str| {
+        what.chars()
+            .enumerate()
+            .all(|(k, c)| chars.get(i + k) == Some(&c))
+    };
     let mut i = 0;
     while i < chars.len() {
         let begin = i;
@@ -111,7 +163,9 @@ fn code_only(text: &str) -> String {
                 i += if chars[i] == '\\' { 2 } else { 1 };
             }
             i += 1;
-        } else if chars[i] == '\'' && (chars.get(i + 1) == Some(&'\\') || chars.get(i + 2) == Some(&'\'')) {
+        } else if chars[i] == '\''
+            && (chars.get(i + 1) == Some(&'\\') || chars.get(i + 2) == Some(&'\''))
+        {
             // A character, not a lifetime.
             i += if chars[i + 1] == '\\' { 3 } else { 2 };
             while i < chars.len() && chars[i] != '\'' {
@@ -130,7 +184,12 @@ fn code_only(text: &str) -> String {
 
 /// The identifiers that `path` begins with: one, or those of a group `{a::b, c}`.
 fn heads(path: &str) -> Vec<String> {
-    let word = |s: &str| -> String { s.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect() };
+    let word = |s: &str| -> String {
+        s.trim_start()
+            .chars()
+            .take_while(|c| c.is_alphanumeric() || *c == '_')
+            .collect()
+    };
     let path = path.trim_start();
     let Some(group) = path.strip_prefix('{') else {
         return vec![word(path)];
@@ -167,9 +226,17 @@ fn places<'a>(code: &'a str, word: &'a str) -> impl Iterator<Item = usize> + 'a 
 
 /// What in `text`, the file at `path` (from `src/`), breaks the rules: `path:line: …`, one each.
 fn violations(path: &Path, text: &str) -> Vec<String> {
-    let parts: Vec<String> = path.with_extension("").iter().map(|p| p.to_string_lossy().into_owned()).collect();
+    let parts: Vec<String> = path
+        .with_extension("")
+        .iter()
+        .map(|p| p.to_string_lossy().into_owned())
+        .collect();
     let Some(own) = find(&parts[0]) else {
-        return vec![format!("src/{}: the folder {} is not in the table", path.display(), parts[0])];
+        return vec![format!(
+            "src/{}: the folder {} is not in the table",
+            path.display(),
+            parts[0]
+        )];
     };
     // How many `super::` reach the root of the crate.
     let depth = parts.iter().filter(|p| *p != "mod").count();
@@ -190,13 +257,22 @@ fn violations(path: &Path, text: &str) -> Vec<String> {
     for at in places(&code, "super") {
         let mut rest = &code[at..];
         let mut climbed = 0;
-        while let Some(next) = rest.trim_start().strip_prefix("super").and_then(|r| r.trim_start().strip_prefix("::")) {
+        while let Some(next) = rest
+            .trim_start()
+            .strip_prefix("super")
+            .and_then(|r| r.trim_start().strip_prefix("::"))
+        {
             rest = next;
             climbed += 1;
         }
         let is_inner = code[..at].trim_end().ends_with("super::");
         if climbed >= depth && !is_inner {
-            imports.extend(heads(rest).into_iter().filter(|n| find(n).is_some()).map(|name| (at, name)));
+            imports.extend(
+                heads(rest)
+                    .into_iter()
+                    .filter(|n| find(n).is_some())
+                    .map(|name| (at, name)),
+            );
         }
     }
     for (at, name) in imports {
@@ -209,7 +285,10 @@ fn violations(path: &Path, text: &str) -> Vec<String> {
             Some(other) if is_test && other.layer < own.layer => {}
             Some(other) => report(
                 at,
-                format!("{} (layer {}) may not import {name} (layer {})", own.name, own.layer, other.layer),
+                format!(
+                    "{} (layer {}) may not import {name} (layer {})",
+                    own.name, own.layer, other.layer
+                ),
             ),
         }
     }
@@ -240,27 +319,49 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 fn modules_import_downward_only() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let files = sources(&src);
-    assert!(files.len() > 50, "only {} files found in {}", files.len(), src.display());
+    assert!(
+        files.len() > 50,
+        "only {} files found in {}",
+        files.len(),
+        src.display()
+    );
     let found: Vec<String> = files
         .iter()
         .filter_map(|file| {
             let path = file.strip_prefix(&src).expect("a file of src");
             // The roots name every module.
             let is_root = ["lib.rs", "main.rs"].iter().any(|r| path == Path::new(r));
-            (!is_root).then(|| violations(path, &fs::read_to_string(file).expect("a readable file")))
+            (!is_root)
+                .then(|| violations(path, &fs::read_to_string(file).expect("a readable file")))
         })
         .flatten()
         .collect();
-    assert!(found.is_empty(), "{} violations:\n{}", found.len(), found.join("\n"));
+    assert!(
+        found.is_empty(),
+        "{} violations:\n{}",
+        found.len(),
+        found.join("\n")
+    );
 }
 
 #[test]
 fn the_table_itself_goes_downward() {
     for (i, m) in MODULES.iter().enumerate() {
-        assert!(MODULES[..i].iter().all(|other| other.name != m.name), "{} has two rows", m.name);
+        assert!(
+            MODULES[..i].iter().all(|other| other.name != m.name),
+            "{} has two rows",
+            m.name
+        );
         for name in m.may_import {
-            let other = find(name).unwrap_or_else(|| panic!("{} may import {name}, which has no row", m.name));
-            assert!(other.layer < m.layer, "{} (layer {}) imports {name} (layer {})", m.name, m.layer, other.layer);
+            let other = find(name)
+                .unwrap_or_else(|| panic!("{} may import {name}, which has no row", m.name));
+            assert!(
+                other.layer < m.layer,
+                "{} (layer {}) imports {name} (layer {})",
+                m.name,
+                m.layer,
+                other.layer
+            );
         }
     }
 }
@@ -286,11 +387,24 @@ mod tests {
     let lines = |path: &str| -> Vec<String> {
         violations(Path::new(path), text)
             .iter()
-            .map(|v| v.trim_start_matches(&format!("src/{path}:")).split_once(':').map_or("", |(l, _)| l).to_owned())
+            .map(|v| {
+                v.trim_start_matches(&format!("src/{path}:"))
+                    .split_once(':')
+                    .map_or("", |(l, _)| l)
+                    .to_owned()
+            })
             .collect()
     };
     // Line 12: a test may import what is lower, but export is not.
-    assert_eq!(lines("store/reader.rs"), ["3", "4", "6", "12", "7", "8"], "{:#?}", violations(Path::new("store/reader.rs"), text));
+    assert_eq!(
+        lines("store/reader.rs"),
+        ["3", "4", "6", "12", "7", "8"],
+        "{:#?}",
+        violations(Path::new("store/reader.rs"), text)
+    );
     let unknown = violations(Path::new("attic/mod.rs"), "");
-    assert!(unknown[0].contains("attic is not in the table"), "{unknown:?}");
+    assert!(
+        unknown[0].contains("attic is not in the table"),
+        "{unknown:?}"
+    );
 }

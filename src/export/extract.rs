@@ -117,7 +117,11 @@ fn output_type(store: &Store, lod: Lod) -> VoxelType {
         StoredType::U8 | StoredType::U16 => true,
         StoredType::F32 => meta.conversion.is_exact() && (is_real || lod.0 == 0),
     };
-    if comes_back { meta.source_type } else { VoxelType::F32 }
+    if comes_back {
+        meta.source_type
+    } else {
+        VoxelType::F32
+    }
 }
 
 /// `whole` in parts of at most `most_bytes` (one row at least), in the order of a file: x fastest, then y, then z. Parts
@@ -128,8 +132,16 @@ fn parts(whole: VoxelBox, voxel_bytes: u64, most_bytes: u64) -> Vec<VoxelBox> {
     let slice_bytes = row_bytes * size.y;
     let mut parts = Vec::new();
     for [z0, z1] in runs([whole.min.z, whole.max.z], most_bytes / slice_bytes) {
-        let rows = if slice_bytes <= most_bytes { size.y } else { most_bytes / row_bytes };
-        let tiles = if rows == size.y { vec![[whole.min.y, whole.max.y]] } else { runs([whole.min.y, whole.max.y], rows) };
+        let rows = if slice_bytes <= most_bytes {
+            size.y
+        } else {
+            most_bytes / row_bytes
+        };
+        let tiles = if rows == size.y {
+            vec![[whole.min.y, whole.max.y]]
+        } else {
+            runs([whole.min.y, whole.max.y], rows)
+        };
         for [y0, y1] in tiles {
             let mut part = whole;
             [part.min.y, part.min.z] = [y0, z0];
@@ -146,7 +158,9 @@ fn runs([start, end]: [u64; 2], most: u64) -> Vec<[u64; 2]> {
     let mut runs = Vec::new();
     let mut at = start;
     while at < end {
-        let next = end.min((at / edge + 1) * edge).min(at.saturating_add(most.max(1)));
+        let next = end
+            .min((at / edge + 1) * edge)
+            .min(at.saturating_add(most.max(1)));
         runs.push([at, next]);
         at = next;
     }
@@ -185,15 +199,28 @@ mod tests {
             // Rows in file order, each exactly once.
             let rows: Vec<_> = parts
                 .iter()
-                .flat_map(|p| (p.min.z..p.max.z).flat_map(|z| (p.min.y..p.max.y).map(move |y| (z, y))))
+                .flat_map(|p| {
+                    (p.min.z..p.max.z).flat_map(|z| (p.min.y..p.max.y).map(move |y| (z, y)))
+                })
                 .collect();
-            let expected: Vec<_> =
-                (20..130).flat_map(|z| (5..77).map(move |y| (z, y))).collect();
-            assert!(rows == expected, "{most_bytes} bytes: every row once, in order");
+            let expected: Vec<_> = (20..130)
+                .flat_map(|z| (5..77).map(move |y| (z, y)))
+                .collect();
+            assert!(
+                rows == expected,
+                "{most_bytes} bytes: every row once, in order"
+            );
             let bound = most_bytes.max(2 * size.x);
             let largest = parts.iter().filter_map(VoxelBox::voxel_count).max();
-            assert!(largest <= Some(bound / 2), "{most_bytes} bytes: a part of {largest:?} voxels");
+            assert!(
+                largest <= Some(bound / 2),
+                "{most_bytes} bytes: a part of {largest:?} voxels"
+            );
         }
-        assert_eq!(parts(whole, 2, 1 << 30).len(), 5, "brick layers 0 to 4, each decoded once");
+        assert_eq!(
+            parts(whole, 2, 1 << 30).len(),
+            5,
+            "brick layers 0 to 4, each decoded once"
+        );
     }
 }

@@ -2,8 +2,8 @@
 //! with the declarations in WGSL.
 
 use wgpu::{
-    BindGroupLayoutEntry, BindingType, BufferBindingType, SamplerBindingType, ShaderStages, TextureSampleType,
-    TextureViewDimension,
+    BindGroupLayoutEntry, BindingType, BufferBindingType, SamplerBindingType, ShaderStages,
+    TextureSampleType, TextureViewDimension,
 };
 
 use crate::gpu::shader::{self, ShaderSource};
@@ -12,7 +12,12 @@ use crate::gpu::shader::{self, ShaderSource};
 pub type Entries = &'static [BindGroupLayoutEntry];
 
 const fn entry(binding: u32, visibility: ShaderStages, ty: BindingType) -> BindGroupLayoutEntry {
-    BindGroupLayoutEntry { binding, visibility, ty, count: None }
+    BindGroupLayoutEntry {
+        binding,
+        visibility,
+        ty,
+        count: None,
+    }
 }
 
 const fn compute(binding: u32, ty: BindingType) -> BindGroupLayoutEntry {
@@ -20,11 +25,22 @@ const fn compute(binding: u32, ty: BindingType) -> BindGroupLayoutEntry {
 }
 
 const fn buffer(ty: BufferBindingType) -> BindingType {
-    BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None }
+    BindingType::Buffer {
+        ty,
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    }
 }
 
-const fn texture(sample_type: TextureSampleType, view_dimension: TextureViewDimension) -> BindingType {
-    BindingType::Texture { sample_type, view_dimension, multisampled: false }
+const fn texture(
+    sample_type: TextureSampleType,
+    view_dimension: TextureViewDimension,
+) -> BindingType {
+    BindingType::Texture {
+        sample_type,
+        view_dimension,
+        multisampled: false,
+    }
 }
 
 const fn volume(sample_type: TextureSampleType) -> BindingType {
@@ -42,7 +58,11 @@ const OCCUPANCY: BindGroupLayoutEntry = compute(5, READ);
 
 /// Group 0: `bind/frame.wgsl`.
 pub const FRAME: Entries = &[
-    entry(0, ShaderStages::VERTEX_FRAGMENT.union(ShaderStages::COMPUTE), buffer(BufferBindingType::Uniform)),
+    entry(
+        0,
+        ShaderStages::VERTEX_FRAGMENT.union(ShaderStages::COMPUTE),
+        buffer(BufferBindingType::Uniform),
+    ),
     compute(1, READ),
 ];
 
@@ -66,12 +86,22 @@ pub const VOLUME_FLOAT: Entries = &[
 ];
 
 /// Group 1: `bind/volume.wgsl` with `bind/atlas_uint.wgsl`.
-pub const VOLUME_UINT: Entries =
-    &[compute(0, volume(TextureSampleType::Uint)), PAGE_TABLE, CONSTANTS, ACTIVITY, OCCUPANCY];
+pub const VOLUME_UINT: Entries = &[
+    compute(0, volume(TextureSampleType::Uint)),
+    PAGE_TABLE,
+    CONSTANTS,
+    ACTIVITY,
+    OCCUPANCY,
+];
 
 /// Group 2 of the caster: `pass/raycast.wgsl`.
-pub const RAYCAST: Entries =
-    &[compute(0, DEPTH), compute(1, DEPTH), compute(2, DEPTH), compute(3, WRITE), compute(4, WRITE)];
+pub const RAYCAST: Entries = &[
+    compute(0, DEPTH),
+    compute(1, DEPTH),
+    compute(2, DEPTH),
+    compute(3, WRITE),
+    compute(4, WRITE),
+];
 
 /// Every shader with its groups, in order.
 pub const SHADERS: &[(ShaderSource, &[Entries])] = &[

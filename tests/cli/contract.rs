@@ -5,13 +5,18 @@ use std::collections::BTreeMap;
 use crate::run::{Folder, finish};
 
 /// The commands of cli.md; those that are not built are refused.
-const COMMANDS: [&str; 12] =
-    ["brick", "info", "verify", "extract", "render", "fly", "path", "view", "serve", "demo", "bench", "presets"];
+const COMMANDS: [&str; 12] = [
+    "brick", "info", "verify", "extract", "render", "fly", "path", "view", "serve", "demo",
+    "bench", "presets",
+];
 
 /// What is listed under "Commands:" by `--help`.
 fn built(folder: &Folder) -> Vec<String> {
     let help = folder.run(&["--help"]).expect(0).stdout;
-    let list = help.split_once("Commands:\n").expect("a list of commands").1;
+    let list = help
+        .split_once("Commands:\n")
+        .expect("a list of commands")
+        .1;
     list.lines()
         .take_while(|l| !l.is_empty())
         .filter(|l| l.starts_with("  ") && !l.starts_with("   "))
@@ -23,23 +28,39 @@ fn built(folder: &Folder) -> Vec<String> {
 fn every_command_has_help_with_an_example_or_is_refused() {
     let folder = Folder::new();
     let built = built(&folder);
-    for name in ["brick", "info", "verify", "extract", "render", "demo", "presets"] {
-        assert!(built.iter().any(|b| b == name), "{name} is built: {built:?}");
+    for name in [
+        "brick", "info", "verify", "extract", "render", "demo", "presets",
+    ] {
+        assert!(
+            built.iter().any(|b| b == name),
+            "{name} is built: {built:?}"
+        );
     }
     for name in &built {
         assert!(COMMANDS.contains(&name.as_str()), "{name} is in cli.md");
         let run = folder.run(&[name, "--help"]).expect(0);
         assert_eq!(run.stderr, "", "{name}: help is a result");
-        let example = run.stdout.lines().skip_while(|l| !l.starts_with("Example")).nth(1).unwrap_or_default();
+        let example = run
+            .stdout
+            .lines()
+            .skip_while(|l| !l.starts_with("Example"))
+            .nth(1)
+            .unwrap_or_default();
         assert!(
-            example.trim_start().starts_with(&format!("brickscope {name}")),
+            example
+                .trim_start()
+                .starts_with(&format!("brickscope {name}")),
             "{name} --help has an example: {}",
             run.stdout
         );
     }
     for name in COMMANDS.iter().filter(|c| !built.iter().any(|b| b == *c)) {
         let run = folder.run(&[name]).expect(2);
-        assert!(run.stderr.contains(&format!("'{name}'")), "{name}: {}", run.stderr);
+        assert!(
+            run.stderr.contains(&format!("'{name}'")),
+            "{name}: {}",
+            run.stderr
+        );
         assert_eq!(run.stdout, "", "{name}: no result");
     }
 }
@@ -85,12 +106,18 @@ fn what_is_not_built_is_refused_and_not_in_the_help() {
         let listed: &str = help[command]
             .split(|c: char| c.is_whitespace() || c == ',')
             .any(|w| w == flag)
-            .then(|| help[command].split_once(&format!("{flag} ")).map_or("", |(_, rest)| rest))
+            .then(|| {
+                help[command]
+                    .split_once(&format!("{flag} "))
+                    .map_or("", |(_, rest)| rest)
+            })
             .map_or("", |rest| rest.split("\n\n").next().unwrap_or_default());
         let is_built = if is_value {
-            listed.split("[possible values: ").nth(1).and_then(|l| l.split(']').next()).is_some_and(|l| {
-                l.split(", ").any(|v| v.trim() == value)
-            })
+            listed
+                .split("[possible values: ")
+                .nth(1)
+                .and_then(|l| l.split(']').next())
+                .is_some_and(|l| l.split(", ").any(|v| v.trim() == value))
         } else {
             help[command].split_whitespace().any(|w| w == flag)
         };
@@ -102,7 +129,11 @@ fn what_is_not_built_is_refused_and_not_in_the_help() {
         args.extend((!value.is_empty()).then_some(value));
         let run = folder.run(&args).expect(2);
         let named = if is_value { value } else { flag };
-        assert!(run.stderr.contains(&format!("'{named}")), "{command} {flag} {value}: {}", run.stderr);
+        assert!(
+            run.stderr.contains(&format!("'{named}")),
+            "{command} {flag} {value}: {}",
+            run.stderr
+        );
     }
     assert!(refused >= 2, "at least the made-up ones are refused");
     assert!(folder.names().is_empty(), "no file: {:?}", folder.names());
@@ -119,22 +150,53 @@ fn exit_codes_are_0_1_and_2() {
     bytes[1300] ^= 1;
     let bad = folder.write("bad.bsk", &bytes);
     let run = folder.run(&["verify", bad]).expect(1);
-    assert!(run.stdout.contains("bad.bsk") && run.stdout.contains("brick"), "{}", run.stdout);
-    for usage in [&[][..], &["brick"], &["render", store], &["info", store, "--no-such-flag"]] {
+    assert!(
+        run.stdout.contains("bad.bsk") && run.stdout.contains("brick"),
+        "{}",
+        run.stdout
+    );
+    for usage in [
+        &[][..],
+        &["brick"],
+        &["render", store],
+        &["info", store, "--no-such-flag"],
+    ] {
         let run = folder.run(usage).expect(2);
-        assert!(run.stdout.is_empty() && !run.stderr.is_empty(), "{usage:?}: {} / {}", run.stdout, run.stderr);
+        assert!(
+            run.stdout.is_empty() && !run.stderr.is_empty(),
+            "{usage:?}: {} / {}",
+            run.stdout,
+            run.stderr
+        );
     }
-    let iso = folder.run(&["render", store, "-o", "p.png", "--mode", "iso", "--device", "cpu"]).expect(2);
-    assert!(iso.stderr.contains("--iso"), "mode iso without a value: {}", iso.stderr);
+    let iso = folder
+        .run(&[
+            "render", store, "-o", "p.png", "--mode", "iso", "--device", "cpu",
+        ])
+        .expect(2);
+    assert!(
+        iso.stderr.contains("--iso"),
+        "mode iso without a value: {}",
+        iso.stderr
+    );
 }
 
 #[test]
 fn numbers_below_zero_are_values() {
     let folder = Folder::new();
     let store = folder.brick("phantom:sponge:32,32,32", "s.bsk");
-    let base = ["render", store, "-o", "p.png", "--size", "4x4", "--device", "cpu"];
+    let base = [
+        "render", store, "-o", "p.png", "--size", "4x4", "--device", "cpu",
+    ];
     for more in [
-        &["--eye", "-40,-50,-60", "--target", "-1,2,3", "--up", "-0.1,0,1"][..],
+        &[
+            "--eye",
+            "-40,-50,-60",
+            "--target",
+            "-1,2,3",
+            "--up",
+            "-0.1,0,1",
+        ][..],
         &["--eye=-40,-50,-60", "--target=-1,2,3"],
         &["--orbit", "-30,-20"],
         &["--orbit=-30,-20,1.5"],
@@ -145,8 +207,14 @@ fn numbers_below_zero_are_values() {
         let run = folder.run(&[&base[..], more].concat());
         assert_eq!(run.code, Some(0), "{more:?}: {}", run.stderr);
     }
-    let run = folder.run(&["extract", store, "-o", "x.raw", "--box", "-1,0,0,4,4,4"]).expect(2);
-    assert!(run.stderr.contains("'-1,0,0,4,4,4'"), "taken as a value, and refused: {}", run.stderr);
+    let run = folder
+        .run(&["extract", store, "-o", "x.raw", "--box", "-1,0,0,4,4,4"])
+        .expect(2);
+    assert!(
+        run.stderr.contains("'-1,0,0,4,4,4'"),
+        "taken as a value, and refused: {}",
+        run.stderr
+    );
 }
 
 #[test]
@@ -183,10 +251,16 @@ fn a_broken_pipe_exits_0() {
 fn a_full_standard_output_exits_2() {
     let folder = Folder::new();
     let store = folder.brick("phantom:sponge:32,32,32", "s.bsk");
-    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").expect("/dev/full");
+    let full = std::fs::OpenOptions::new()
+        .write(true)
+        .open("/dev/full")
+        .expect("/dev/full");
     let mut command = folder.command(&["info", store]);
     command.stdout(full);
-    let child = command.stderr(std::process::Stdio::piped()).spawn().expect("the binary starts");
+    let child = command
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the binary starts");
     let output = child.wait_with_output().expect("the binary ends");
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{stderr}");
@@ -199,14 +273,29 @@ fn a_closed_standard_error_does_not_lose_the_picture() {
     let store = folder.brick("phantom:sponge:32,32,32", "s.bsk");
     // Two transfer functions in one file are worth a note on standard error.
     let points = r#""RGBPoints":[0,0,0,0,255,1,1,1],"Points":[0,0,0.5,0,255,1,0.5,0]"#;
-    let tf = format!(r#"[{{"Name":"a","ColorSpace":"RGB",{points}}},{{"Name":"b","ColorSpace":"RGB",{points}}}]"#);
+    let tf = format!(
+        r#"[{{"Name":"a","ColorSpace":"RGB",{points}}},{{"Name":"b","ColorSpace":"RGB",{points}}}]"#
+    );
     folder.write("two.json", tf.as_bytes());
-    let args = ["render", store, "-o", "p.png", "--size", "4x4", "--device", "cpu", "--tf", "two.json"];
+    let args = [
+        "render", store, "-o", "p.png", "--size", "4x4", "--device", "cpu", "--tf", "two.json",
+    ];
     let noted = finish(folder.command(&args)).expect(0);
-    assert!(noted.stderr.contains("2 transfer functions"), "there is a note: {}", noted.stderr);
+    assert!(
+        noted.stderr.contains("2 transfer functions"),
+        "there is a note: {}",
+        noted.stderr
+    );
     std::fs::remove_file(folder.file("p.png")).expect("the picture");
     let (reader, writer) = std::io::pipe().expect("a pipe");
     drop(reader);
-    let status = folder.command(&args).stderr(writer).status().expect("the binary starts");
-    assert!(status.success() && folder.file("p.png").exists(), "{status}, and the picture is there");
+    let status = folder
+        .command(&args)
+        .stderr(writer)
+        .status()
+        .expect("the binary starts");
+    assert!(
+        status.success() && folder.file("p.png").exists(),
+        "{status}, and the picture is there"
+    );
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use brickscope::geom::{Lod, VoxelBox};
-use brickscope::input::{self, Endian, RawParams};
+use brickscope::input;
 use brickscope::store::{BrickReader, Store};
 use brickscope::volume::{Rescale, VolumeDesc, VoxelType};
 use glam::{DAffine3, DMat3, DVec3, U64Vec3};
@@ -13,16 +13,18 @@ use crate::data::data;
 use crate::run::{Folder, gzip, nifti_header, noise, put};
 
 /// Description and voxels of a volume.
-fn read(spec: &str, raw: Option<RawParams>) -> (VolumeDesc, Vec<u8>) {
-    let mut source = input::open(spec, raw).unwrap_or_else(|e| panic!("{e}"));
+fn read(spec: &str) -> (VolumeDesc, Vec<u8>) {
+    let mut source = input::open(spec, None).unwrap_or_else(|e| panic!("{e}"));
     let desc = source.desc().clone();
     let mut voxels = vec![0; desc.byte_count().expect("a small volume") as usize];
-    source.read_box(VoxelBox::whole(desc.dims), &mut voxels).unwrap_or_else(|e| panic!("{e}"));
+    source
+        .read_box(VoxelBox::whole(desc.dims), &mut voxels)
+        .unwrap_or_else(|e| panic!("{e}"));
     (desc, voxels)
 }
 
 fn read_file(path: &Path) -> (VolumeDesc, Vec<u8>) {
-    read(path.to_str().expect("a plain path"), None)
+    read(path.to_str().expect("a plain path"))
 }
 
 fn same_place(a: &VolumeDesc, b: &VolumeDesc) {
@@ -44,21 +46,36 @@ fn cut(voxels: &[u8], dims: U64Vec3, size: u64, part: VoxelBox) -> Vec<u8> {
 
 #[test]
 fn phantoms_come_out_as_they_went_in() {
-    for (name, voxel_type) in [("u8", VoxelType::U8), ("u16", VoxelType::U16), ("f32", VoxelType::F32)] {
+    for (name, voxel_type) in [
+        ("u8", VoxelType::U8),
+        ("u16", VoxelType::U16),
+        ("f32", VoxelType::F32),
+    ] {
         let folder = Folder::new();
         let spec = format!("phantom:body:45,37,70:{name}");
         let store = folder.brick(&spec, "s.bsk");
-        let (desc, voxels) = read(&spec, None);
+        let (desc, voxels) = read(&spec);
         for file in ["out.nii.gz", "out.nrrd", "out.raw"] {
             let run = folder.run(&["extract", store, "-o", file]).expect(0);
-            assert!(run.stdout.contains(&format!("45,37,70 voxels of {name}")), "{}", run.stdout);
+            assert!(
+                run.stdout.contains(&format!("45,37,70 voxels of {name}")),
+                "{}",
+                run.stdout
+            );
             if file == "out.raw" {
-                assert!(fs::read(folder.file(file)).expect("the file") == voxels, "{name} {file}: voxels");
+                assert!(
+                    fs::read(folder.file(file)).expect("the file") == voxels,
+                    "{name} {file}: voxels"
+                );
                 continue;
             }
             let (found, bytes) = read_file(&folder.file(file));
             same_place(&found, &desc);
-            assert_eq!((found.voxel_type, found.rescale), (voxel_type, desc.rescale), "{name} {file}");
+            assert_eq!(
+                (found.voxel_type, found.rescale),
+                (voxel_type, desc.rescale),
+                "{name} {file}"
+            );
             assert!(bytes == voxels, "{name} {file}: voxels");
         }
     }
@@ -71,7 +88,11 @@ fn oblique(folder: &Folder) -> &'static str {
     put(&mut bytes, 112, &2.5f32.to_le_bytes());
     put(&mut bytes, 116, &(-1024f32).to_le_bytes());
     put(&mut bytes, 254, &1i16.to_le_bytes());
-    let rows = [[0.7f32, -0.3, 0.1, -90.5], [0.25, 0.65, -0.2, 12.25], [0.05, 0.15, 1.75, -300.0]];
+    let rows = [
+        [0.7f32, -0.3, 0.1, -90.5],
+        [0.25, 0.65, -0.2, 12.25],
+        [0.05, 0.15, 1.75, -300.0],
+    ];
     for (i, v) in rows.as_flattened().iter().enumerate() {
         put(&mut bytes, 280 + 4 * i, &v.to_le_bytes());
     }
@@ -88,27 +109,51 @@ fn signed_rescaled_and_oblique_comes_out_as_it_went_in() {
     let input = oblique(&folder);
     let store = folder.brick(input, "s.bsk");
     let (desc, voxels) = read_file(&folder.file(input));
-    assert_eq!(desc.rescale, Rescale { slope: 2.5, intercept: -1024.0 }, "the sample has a rescale");
+    assert_eq!(
+        desc.rescale,
+        Rescale {
+            slope: 2.5,
+            intercept: -1024.0
+        },
+        "the sample has a rescale"
+    );
 
-    folder.run(&["extract", store, "-o", "out.nii.gz"]).expect(0);
+    folder
+        .run(&["extract", store, "-o", "out.nii.gz"])
+        .expect(0);
     let (found, bytes) = read_file(&folder.file("out.nii.gz"));
     same_place(&found, &desc);
-    assert_eq!((found.voxel_type, found.rescale), (VoxelType::I16, desc.rescale), "type and rescale");
+    assert_eq!(
+        (found.voxel_type, found.rescale),
+        (VoxelType::I16, desc.rescale),
+        "type and rescale"
+    );
     assert!(bytes == voxels, "voxels");
 
     folder.run(&["extract", store, "-o", "out.raw"]).expect(0);
-    assert!(fs::read(folder.file("out.raw")).expect("the file") == voxels, "raw voxels, in the source's type");
+    assert!(
+        fs::read(folder.file("out.raw")).expect("the file") == voxels,
+        "raw voxels, in the source's type"
+    );
 
     // NRRD has no rescale: physical values, as double.
     folder.run(&["extract", store, "-o", "out.nrrd"]).expect(0);
     let (found, bytes) = read_file(&folder.file("out.nrrd"));
     same_place(&found, &desc);
-    assert_eq!((found.voxel_type, found.rescale), (VoxelType::F64, Rescale::IDENTITY), "physical values");
+    assert_eq!(
+        (found.voxel_type, found.rescale),
+        (VoxelType::F64, Rescale::IDENTITY),
+        "physical values"
+    );
     let physical: Vec<u8> = voxels
         .as_chunks::<2>()
         .0
         .iter()
-        .flat_map(|b| desc.rescale.physical(f64::from(i16::from_le_bytes(*b))).to_le_bytes())
+        .flat_map(|b| {
+            desc.rescale
+                .physical(f64::from(i16::from_le_bytes(*b)))
+                .to_le_bytes()
+        })
         .collect();
     assert!(bytes == physical, "physical values");
 }
@@ -120,11 +165,17 @@ fn a_box_has_its_voxels_and_its_place() {
     let store = folder.brick(input, "s.bsk");
     let (desc, voxels) = read_file(&folder.file(input));
     // Across the border between bricks on every axis, and up to the end.
-    for part in [[3, 5, 7, 36, 34, 33], [0, 0, 31, 40, 1, 34], [39, 35, 33, 40, 36, 34]] {
+    for part in [
+        [3, 5, 7, 36, 34, 33],
+        [0, 0, 31, 40, 1, 34],
+        [39, 35, 33, 40, 36, 34],
+    ] {
         let [x0, y0, z0, x1, y1, z1] = part;
         let part = VoxelBox::new(U64Vec3::new(x0, y0, z0), U64Vec3::new(x1, y1, z1));
         let typed = format!("{x0},{y0},{z0},{x1},{y1},{z1}");
-        folder.run(&["extract", store, "-o", "box.nii.gz", "--box", &typed]).expect(0);
+        folder
+            .run(&["extract", store, "-o", "box.nii.gz", "--box", &typed])
+            .expect(0);
         let (found, bytes) = read_file(&folder.file("box.nii.gz"));
         assert_eq!(found.dims, part.size(), "{typed}: dims");
         assert!(bytes == cut(&voxels, desc.dims, 2, part), "{typed}: voxels");
@@ -132,7 +183,10 @@ fn a_box_has_its_voxels_and_its_place() {
         let off = (found.world_from_index.translation - first).length();
         // NIfTI-1 keeps f32.
         assert!(off < 1e-4, "{typed}: its first voxel is {off} mm off");
-        assert_eq!(found.world_from_index.matrix3, desc.world_from_index.matrix3, "{typed}: axes");
+        assert_eq!(
+            found.world_from_index.matrix3, desc.world_from_index.matrix3,
+            "{typed}: axes"
+        );
     }
 }
 
@@ -141,17 +195,23 @@ fn a_coarser_level_is_the_average_and_lies_between_the_voxels() {
     let folder = Folder::new();
     let spec = "phantom:body:41,36,64:u16";
     let store = folder.brick(spec, "s.bsk");
-    let (_, fine) = read(spec, None);
+    let (_, fine) = read(spec);
     let fine = |x: u64, y: u64, z: u64| {
         let at = 2 * ((z * 36 + y) * 41 + x) as usize;
         f64::from(u16::from_le_bytes([fine[at], fine[at + 1]]))
     };
-    folder.run(&["extract", store, "-o", "level.nrrd", "--level", "1"]).expect(0);
+    folder
+        .run(&["extract", store, "-o", "level.nrrd", "--level", "1"])
+        .expect(0);
     let (found, bytes) = read_file(&folder.file("level.nrrd"));
     assert_eq!(found.dims, U64Vec3::new(21, 18, 32), "dims");
     assert_eq!(found.voxel_type, VoxelType::U16, "type");
-    let expected = DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(2.0)), DVec3::splat(0.5));
-    assert_eq!(found.world_from_index, expected, "centres of 2³ voxels: 2 · (i + ½) − ½");
+    let expected =
+        DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(2.0)), DVec3::splat(0.5));
+    assert_eq!(
+        found.world_from_index, expected,
+        "centres of 2³ voxels: 2 · (i + ½) − ½"
+    );
     for (i, b) in bytes.as_chunks::<2>().0.iter().enumerate() {
         let i = i as u64;
         let (x, y, z) = (i % 21, i / 21 % 18, i / 21 / 18);
@@ -164,7 +224,11 @@ fn a_coarser_level_is_the_average_and_lies_between_the_voxels() {
             }
         }
         let value = f64::from(u16::from_le_bytes(*b));
-        assert!((value - sum / n).abs() <= 0.5, "voxel {x},{y},{z}: {value}, the average is {}", sum / n);
+        assert!(
+            (value - sum / n).abs() <= 0.5,
+            "voxel {x},{y},{z}: {value}, the average is {}",
+            sum / n
+        );
     }
 }
 
@@ -175,9 +239,13 @@ fn other_types_come_back_when_nothing_was_lost() {
     let bytes = |voxel_type: &str, add: f64| -> Vec<u8> {
         let voxels = exact.iter().map(|v| v + add);
         match voxel_type {
-            "i8" => voxels.flat_map(|v| ((v % 200.0 - 128.0) as i8).to_le_bytes()).collect(),
+            "i8" => voxels
+                .flat_map(|v| ((v % 200.0 - 128.0) as i8).to_le_bytes())
+                .collect(),
             "u32" => voxels.flat_map(|v| (v as u32).to_le_bytes()).collect(),
-            "i32" => voxels.flat_map(|v| ((v - 2000.0) as i32).to_le_bytes()).collect(),
+            "i32" => voxels
+                .flat_map(|v| ((v - 2000.0) as i32).to_le_bytes())
+                .collect(),
             "f64" => voxels.flat_map(f64::to_le_bytes).collect(),
             other => panic!("{other}"),
         }
@@ -198,11 +266,31 @@ fn other_types_come_back_when_nothing_was_lost() {
         let folder = Folder::new();
         let source = bytes(voxel_type, add);
         let input = folder.write("in.raw", &source);
-        let args = ["brick", input, "-o", "s.bsk", "--dims", "20,12,40", "--type", voxel_type, "--store-type", store_type];
+        let args = [
+            "brick",
+            input,
+            "-o",
+            "s.bsk",
+            "--dims",
+            "20,12,40",
+            "--type",
+            voxel_type,
+            "--store-type",
+            store_type,
+        ];
         folder.run(&args).expect(0);
         let run = folder.run(&["extract", "s.bsk", "-o", "out.raw"]).expect(0);
-        assert!(run.stdout.contains(&format!("voxels of {comes_out},")), "{name}: {}", run.stdout);
-        assert_eq!(run.stderr.contains("rounded"), comes_out != voxel_type, "{name}: {}", run.stderr);
+        assert!(
+            run.stdout.contains(&format!("voxels of {comes_out},")),
+            "{name}: {}",
+            run.stdout
+        );
+        assert_eq!(
+            run.stderr.contains("rounded"),
+            comes_out != voxel_type,
+            "{name}: {}",
+            run.stderr
+        );
         let out = fs::read(folder.file("out.raw")).expect("the file");
         if comes_out == voxel_type {
             assert!(out == source, "{name}: voxels");
@@ -211,14 +299,23 @@ fn other_types_come_back_when_nothing_was_lost() {
             let mut voxels = vec![0; out.len()];
             let whole = VoxelBox::whole(U64Vec3::new(20, 12, 40));
             let mut reader = BrickReader::new().expect("a reader");
-            stored.read_box(Lod(0), whole, &mut reader, &mut voxels).expect("sound bricks");
+            stored
+                .read_box(Lod(0), whole, &mut reader, &mut voxels)
+                .expect("sound bricks");
             assert!(out == voxels, "{name}: the stored f32");
         }
         // Averages of whole numbers are not whole.
-        let coarse = folder.run(&["extract", "s.bsk", "-o", "coarse.raw", "--level", "1"]).expect(0);
-        let is_f32 = store_type == "auto" && ["u32", "i32"].contains(&voxel_type) || comes_out == "f32";
+        let coarse = folder
+            .run(&["extract", "s.bsk", "-o", "coarse.raw", "--level", "1"])
+            .expect(0);
+        let is_f32 =
+            store_type == "auto" && ["u32", "i32"].contains(&voxel_type) || comes_out == "f32";
         let expected = if is_f32 { "f32" } else { voxel_type };
-        assert!(coarse.stdout.contains(&format!("voxels of {expected},")), "{name}, level 1: {}", coarse.stdout);
+        assert!(
+            coarse.stdout.contains(&format!("voxels of {expected},")),
+            "{name}, level 1: {}",
+            coarse.stdout
+        );
     }
 }
 
@@ -230,22 +327,45 @@ fn an_existing_file_is_replaced_and_refusals_leave_it_alone() {
     for (args, message) in [
         (&["--level", "9"][..], "no level 9; the levels are 0 to 1"),
         (&["--box", "0,0,0,41,40,40"], "not inside level 0"),
-        (&["--box", "0,0,0,21,20,20", "--level", "1"], "not inside level 1"),
-        (&["--box", "18446744073709551614,0,0,18446744073709551615,1,1"], "not inside level 0"),
+        (
+            &["--box", "0,0,0,21,20,20", "--level", "1"],
+            "not inside level 1",
+        ),
+        (
+            &["--box", "18446744073709551614,0,0,18446744073709551615,1,1"],
+            "not inside level 0",
+        ),
         (&["--box", "5,0,0,5,9,9"], "expected x0,y0,z0,x1,y1,z1"),
         (&["--box", "-1,0,0,5,9,9"], "expected x0,y0,z0,x1,y1,z1"),
         (&["--box", "0,0,0,5,9"], "expected x0,y0,z0,x1,y1,z1"),
     ] {
-        let run = folder.run(&[&["extract", store, "-o", "out.raw"], args].concat()).expect(2);
+        let run = folder
+            .run(&[&["extract", store, "-o", "out.raw"], args].concat())
+            .expect(2);
         assert!(run.stderr.contains(message), "{args:?}: {}", run.stderr);
-        assert_eq!(fs::read(folder.file("out.raw")).expect("the file"), b"old", "{args:?}: the file is as it was");
+        assert_eq!(
+            fs::read(folder.file("out.raw")).expect("the file"),
+            b"old",
+            "{args:?}: the file is as it was"
+        );
     }
-    for (name, message) in [("out.zarr", ".zarr is not built yet"), ("out.tif", "supported are .nii.gz, .nrrd and .raw")] {
+    for (name, message) in [
+        ("out.zarr", ".zarr is not built yet"),
+        ("out.tif", "supported are .nii.gz, .nrrd and .raw"),
+    ] {
         let run = folder.run(&["extract", store, "-o", name]).expect(2);
-        assert!(run.stderr.contains(message) && run.stderr.contains(name), "{name}: {}", run.stderr);
+        assert!(
+            run.stderr.contains(message) && run.stderr.contains(name),
+            "{name}: {}",
+            run.stderr
+        );
     }
     folder.run(&["extract", store, "-o", "out.raw"]).expect(0);
-    assert_eq!(fs::read(folder.file("out.raw")).expect("the file").len(), 64_000, "replaced");
+    assert_eq!(
+        fs::read(folder.file("out.raw")).expect("the file").len(),
+        64_000,
+        "replaced"
+    );
     assert_eq!(folder.names(), ["out.raw", "s.bsk"], "nothing else is left");
 }
 
@@ -256,9 +376,16 @@ fn a_real_sheared_scan_comes_out_as_it_went_in() {
     let folder = Folder::new();
     let path = data("nifti/shear.nii.gz");
     let store = folder.brick(path.to_str().expect("a plain path"), "s.bsk");
-    folder.run(&["extract", store, "-o", "out.nii.gz"]).expect(0);
-    let ((desc, voxels), (found, bytes)) = (read_file(&path), read_file(&folder.file("out.nii.gz")));
+    folder
+        .run(&["extract", store, "-o", "out.nii.gz"])
+        .expect(0);
+    let ((desc, voxels), (found, bytes)) =
+        (read_file(&path), read_file(&folder.file("out.nii.gz")));
     same_place(&found, &desc);
-    assert_eq!((found.voxel_type, found.rescale), (desc.voxel_type, desc.rescale), "type and rescale");
+    assert_eq!(
+        (found.voxel_type, found.rescale),
+        (desc.voxel_type, desc.rescale),
+        "type and rescale"
+    );
     assert!(bytes == voxels, "voxels");
 }

@@ -18,8 +18,18 @@ impl Run {
     /// Fails the test unless the run ended with `code`, and without a panic.
     #[track_caller]
     pub fn expect(self, code: i32) -> Self {
-        assert_eq!(self.code, Some(code), "exit code; stdout: {}\nstderr: {}", self.stdout, self.stderr);
-        assert!(!self.stderr.contains("panicked"), "no panic; stderr: {}", self.stderr);
+        assert_eq!(
+            self.code,
+            Some(code),
+            "exit code; stdout: {}\nstderr: {}",
+            self.stdout,
+            self.stderr
+        );
+        assert!(
+            !self.stderr.contains("panicked"),
+            "no panic; stderr: {}",
+            self.stderr
+        );
         self
     }
 }
@@ -43,7 +53,11 @@ impl Folder {
     /// The command `brickscope ARGS` in this folder, not started.
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_brickscope"));
-        command.args(args).current_dir(self.path()).stdin(Stdio::null()).env_remove("BRICKSCOPE_LOG");
+        command
+            .args(args)
+            .current_dir(self.path())
+            .stdin(Stdio::null())
+            .env_remove("BRICKSCOPE_LOG");
         command
     }
 
@@ -60,7 +74,8 @@ impl Folder {
 
     /// Bricks `input` into `name`.
     pub fn brick<'a>(&self, input: &str, name: &'a str) -> &'a str {
-        self.run(&["brick", input, "-o", name, "--threads", "1"]).expect(0);
+        self.run(&["brick", input, "-o", name, "--threads", "1"])
+            .expect(0);
         name
     }
 
@@ -68,7 +83,12 @@ impl Folder {
     pub fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = fs::read_dir(self.path())
             .expect("the temporary folder")
-            .map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned())
+            .map(|e| {
+                e.expect("an entry")
+                    .file_name()
+                    .to_string_lossy()
+                    .into_owned()
+            })
             .collect();
         names.sort();
         names
@@ -90,7 +110,10 @@ pub fn finish(mut command: Command) -> Run {
 pub fn nifti_header(dims: [i16; 3], datatype: i16, bits: i16) -> Vec<u8> {
     let mut header = vec![0; 352];
     put(&mut header, 0, &348i32.to_le_bytes());
-    for (i, n) in [3, dims[0], dims[1], dims[2], 1, 1, 1, 1].into_iter().enumerate() {
+    for (i, n) in [3, dims[0], dims[1], dims[2], 1, 1, 1, 1]
+        .into_iter()
+        .enumerate()
+    {
         put(&mut header, 40 + 2 * i, &n.to_le_bytes());
     }
     put(&mut header, 70, &datatype.to_le_bytes());
@@ -130,7 +153,11 @@ pub fn noise(len: usize) -> Vec<u8> {
 /// Width, height and pixels of a PNG, whose signature is checked; RGB or RGBA.
 pub fn read_png(path: &Path) -> (u32, u32, Vec<u8>) {
     let bytes = fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    assert!(bytes.starts_with(b"\x89PNG\r\n\x1a\n"), "{}: the signature of a PNG", path.display());
+    assert!(
+        bytes.starts_with(b"\x89PNG\r\n\x1a\n"),
+        "{}: the signature of a PNG",
+        path.display()
+    );
     let decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     let mut reader = decoder.read_info().expect("a PNG header");
     let mut pixels = vec![0; reader.output_buffer_size().expect("a size that fits")];

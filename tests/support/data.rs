@@ -5,9 +5,15 @@ use std::path::PathBuf;
 
 /// A file of that folder: `nifti/engine.nii.gz`.
 pub fn data(name: &str) -> PathBuf {
-    let folder = std::env::var_os("BRICKSCOPE_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let folder = std::env::var_os("BRICKSCOPE_DATA").map_or_else(
+        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
     let path = folder.join(name);
-    assert!(path.exists(), "{} is missing; BRICKSCOPE_DATA says where the volumes are", path.display());
+    assert!(
+        path.exists(),
+        "{} is missing; BRICKSCOPE_DATA says where the volumes are",
+        path.display()
+    );
     path
 }

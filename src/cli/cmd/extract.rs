@@ -44,8 +44,14 @@ pub struct Args {
 /// The store is refused or damaged, it has no such level or box, or the file can't be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let path = &args.output;
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zarr")) {
-        bail!("{}: writing .zarr is not built yet; write .nii.gz, .nrrd or .raw", path.display());
+    if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("zarr"))
+    {
+        bail!(
+            "{}: writing .zarr is not built yet; write .nii.gz, .nrrd or .raw",
+            path.display()
+        );
     }
     let store = Store::open(&args.store)?;
     let lod = Lod(args.level);
@@ -66,8 +72,17 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             conversion.inf_values
         ));
     }
-    bar.begin("extracting", voxels.voxel_count().unwrap_or(0) * store.stored_type().size() as u64);
-    let written = export::extract(&store, (lod, voxels), path, Existing::Replace, &mut |bytes| bar.advance(bytes));
+    bar.begin(
+        "extracting",
+        voxels.voxel_count().unwrap_or(0) * store.stored_type().size() as u64,
+    );
+    let written = export::extract(
+        &store,
+        (lod, voxels),
+        path,
+        Existing::Replace,
+        &mut |bytes| bar.advance(bytes),
+    );
     bar.end();
     written?;
     let (d, s) = (desc.dims, desc.spacing());
