@@ -35,7 +35,7 @@ enum Command {
     Verify(cmd::verify::Args),
     Extract(cmd::extract::Args),
     Presets(cmd::presets::Args),
-    Render(cmd::render::Args),
+    Render(Box<cmd::render::Args>),
     Demo(cmd::demo::Args),
 }
 

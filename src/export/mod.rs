@@ -13,4 +13,4 @@ mod writer;
 
 pub use self::extract::{extract, extracted};
 pub use self::png::write_png;
-pub use self::writer::{ExportError, VolumeWriter, create};
+pub use self::writer::{ExportError, VolumeWriter, caveat, create};

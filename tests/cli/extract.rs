@@ -118,9 +118,10 @@ fn signed_rescaled_and_oblique_comes_out_as_it_went_in() {
         "the sample has a rescale"
     );
 
-    folder
+    let run = folder
         .run(&["extract", store, "-o", "out.nii.gz"])
         .expect(0);
+    assert_eq!(run.stderr, "", "nothing is lost, nothing to say");
     let (found, bytes) = read_file(&folder.file("out.nii.gz"));
     same_place(&found, &desc);
     assert_eq!(
@@ -156,6 +157,29 @@ fn signed_rescaled_and_oblique_comes_out_as_it_went_in() {
         })
         .collect();
     assert!(bytes == physical, "physical values");
+}
+
+/// No silent downgrade: what a format can't keep is said.
+#[test]
+fn what_a_format_does_not_keep_is_said() {
+    let folder = Folder::new();
+    let store = folder.brick(oblique(&folder), "s.bsk");
+    let boxed = "1,1,1,9,9,9";
+    for (file, wanted) in [
+        ("box.nii.gz", "as f32, so they are rounded"),
+        ("box.nrrd", "physical values are written, as double"),
+        ("box.raw", "neither affine nor rescale"),
+    ] {
+        let run = folder
+            .run(&["extract", store, "-o", file, "--box", boxed])
+            .expect(0);
+        assert!(run.stderr.contains(wanted), "{file}: {}", run.stderr);
+    }
+    let store = folder.brick("phantom:sponge:32,32,32", "plain.bsk");
+    for file in ["out.nii.gz", "out.nrrd", "out.raw"] {
+        let run = folder.run(&["extract", store, "-o", file]).expect(0);
+        assert_eq!(run.stderr, "", "{file}: nothing is lost");
+    }
 }
 
 #[test]

@@ -72,6 +72,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             conversion.inf_values
         ));
     }
+    if let Some(caveat) = export::caveat(path, &desc) {
+        bar.note(&format!("note: {}: {caveat}", path.display()));
+    }
     bar.begin(
         "extracting",
         voxels.voxel_count().unwrap_or(0) * store.stored_type().size() as u64,
