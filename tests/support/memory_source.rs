@@ -1,4 +1,5 @@
 //! A volume in memory, for tests of bricking: any voxel type, read in either order.
+#![allow(dead_code, reason = "each test binary uses its part")]
 
 use std::path::PathBuf;
 
