@@ -1,5 +1,4 @@
 //! Bricking against a dense model: every voxel of every brick of every level, for all types and odd sizes.
-#![allow(clippy::unwrap_used, reason = "clippy takes helpers of tests for something else")]
 
 #[path = "support/memory_source.rs"]
 mod memory_source;

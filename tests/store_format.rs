@@ -1,5 +1,4 @@
 //! The file format: golden bytes, damage at every place, and stores that lie with right checksums.
-#![allow(clippy::unwrap_used, reason = "clippy takes helpers of tests for something else")]
 
 #[path = "support/memory_source.rs"]
 mod memory_source;

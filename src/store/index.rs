@@ -82,7 +82,7 @@ impl BrickEntry {
                 format!("flags {flags:#x}, {:#x}", u32_at(28)),
             ));
         }
-        if !(min.is_finite() && max.is_finite() && min <= max && fits(min, max, stored_type)) {
+        if !(min.is_finite() && max.is_finite() && min <= max) || !fits(min, max, stored_type) {
             return Err((
                 format!("a range of finite {stored_type} values"),
                 format!("{min} to {max}"),

@@ -1,5 +1,4 @@
 //! A volume in memory, for tests of bricking: any voxel type, read in either order.
-#![allow(dead_code, reason = "each test binary uses its part")]
 
 use std::path::PathBuf;
 
