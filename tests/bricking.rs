@@ -1,5 +1,7 @@
 //! Bricking against a dense model: every voxel of every brick of every level, for all types and odd sizes.
 
+#![allow(clippy::unwrap_used, reason = "a test that can't go on has failed")]
+
 #[path = "support/memory_source.rs"]
 mod memory_source;
 

@@ -10,10 +10,6 @@ struct Brick {
     constant: f32,
 }
 
-// A brick that contains no position: the first look-up always replaces it.
-fn brick_none() -> Brick {
-    return Brick(vec3f(1e30), vec3f(0.0), TAG_ABSENT, 0.0);
-}
 
 fn brick_word(xyz: vec3i) -> u32 {
     let last = vec3i(frame.level_bricks.xyz) - 1;

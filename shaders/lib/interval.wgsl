@@ -1,8 +1,10 @@
 // The part of a ray that the bounding mesh leaves, in samples.
 
+override ORTHOGRAPHIC: bool = false;
+
 // View depth of a depth-buffer value, and from it the sample index on a ray of that stretch.
 fn interval_index(depth: f32, stretch: f32) -> f32 {
-    if frame_has(FLAG_ORTHOGRAPHIC) {
+    if ORTHOGRAPHIC {
         return (frame.depth_bias - frame.depth_scale * depth - frame.first_mm) / frame.step_mm;
     }
     return (frame.depth_scale / depth * stretch - frame.first_mm) / frame.step_mm;

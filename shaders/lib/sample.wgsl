@@ -1,12 +1,15 @@
 // Values between voxel centres, in stored units. `offset` counts from the frame's anchor in level voxels and lies inside
 // `brick` or at most half a voxel outside (gradient taps): its border voxels are the true neighbours.
 
+// The value of the containing voxel instead of interpolation.
+override NEAREST: bool = false;
+
 fn sample_value(brick: Brick, offset: vec3f) -> f32 {
     if brick.tag != TAG_SLOT {
         return brick.constant;
     }
     var local = offset - brick.origin;
-    if frame_has(FLAG_NEAREST) {
+    if NEAREST {
         local = floor(local) + 0.5;
     }
     return atlas_value(brick, local) * frame.value_scale;

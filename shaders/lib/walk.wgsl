@@ -89,8 +89,10 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         let entry = (*walk).at;
         if activity == BRICK_FULL {
             walk_cross_brick(ray, walk, brick);
-            walk_take(ray, walk, entry);
-            return true;
+            if walk_take(ray, walk, entry) {
+                return true;
+            }
+            continue;
         }
         // A mixed brick has a slot; its occupancy lies by the slot's linear number.
         let slot = brick_word(brick) & PAYLOAD_MASK;
@@ -114,19 +116,20 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
                 break;
             }
         }
-        if started >= 0.0 {
-            walk_take(ray, walk, started);
+        if started >= 0.0 && walk_take(ray, walk, started) {
             return true;
         }
     }
     return false;
 }
 
-// Makes [entry, walk.at] the current run: from sample ⌊entry⌋ to ⌈at⌉ (invariant 4), none taken twice.
-fn walk_take(ray: Ray, walk: ptr<function, Walk>, entry: f32) {
+// Makes [entry, walk.at] the current run: from sample ⌊entry⌋ to ⌈at⌉ (invariant 4), none taken twice. False when all
+// of them have been.
+fn walk_take(ray: Ray, walk: ptr<function, Walk>, entry: f32) -> bool {
     let first = max((*walk).next, i32(floor(entry)));
     (*walk).skipped += u32(first - (*walk).next);
     (*walk).first = first;
     (*walk).last = min(i32(ceil((*walk).at)), ray.last);
     (*walk).next = max(first, (*walk).last + 1);
+    return first <= (*walk).last;
 }

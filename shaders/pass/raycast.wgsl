@@ -10,6 +10,9 @@
 
 override GROUP_WIDTH: u32 = 8u;
 override GROUP_HEIGHT: u32 = 8u;
+// Phong shading, and bisection at iso-surfaces.
+override SHADED: bool = false;
+override REFINED: bool = true;
 
 fn start_walk(ray: Ray, tile_pixel: vec2u) -> Walk {
     if frame_has(FLAG_SKIP) {
@@ -36,6 +39,10 @@ fn write_pixel(tile_pixel: vec2u, color: vec4f, samples: u32, walk: Walk, ray: R
     counts[at] = vec2u(samples, walk.skipped + rest);
 }
 
+// The loops below nest run, brick, sample: what belongs to a run or a brick is done once for it. Software adapters execute
+// both sides of every `if`, and a loop's body once more than needed unless it ends in its `break`: hence the shape
+// (ARCHITECTURE.md, "Decisions"). A run is never empty.
+
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
 fn cast_dvr(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.tile_size) {
@@ -43,31 +50,35 @@ fn cast_dvr(@builtin(global_invocation_id) id: vec3u) {
     }
     let ray = ray_for_pixel(frame.tile_origin + id.xy);
     var walk = start_walk(ray, id.xy);
-    var brick = brick_none();
     var sum = vec4f(0.0);
     var samples = 0u;
     var terminated = false;
-    while !terminated && next_run(ray, &walk) {
-        for (var i = walk.first; i <= walk.last; i++) {
-            let offset = ray_offset(ray, f32(i));
-            if !brick_contains(brick, offset) {
-                brick = brick_at(offset);
-            }
-            samples += 1u;
-            let classified = classify_value(sample_value(brick, offset));
-            if classified.a > 0.0 {
+    var more = next_run(ray, &walk);
+    while more {
+        var i = walk.first;
+        loop {
+            var offset = ray_offset(ray, f32(i));
+            let brick = brick_at(offset);
+            loop {
+                let classified = classify_value(sample_value(brick, offset));
                 var color = classified.rgb;
-                if frame_has(FLAG_PHONG) {
+                if SHADED {
                     color = shade_phong(color, sample_gradient(brick, offset), ray.direction);
                 }
-                let weight = (1.0 - sum.a) * classified.a;
-                sum += vec4f(color, 1.0) * weight;
-                if sum.a >= frame.opacity_cutoff {
-                    terminated = true;
+                sum += vec4f(color, 1.0) * ((1.0 - sum.a) * classified.a);
+                samples += 1u;
+                i += 1;
+                offset = ray_offset(ray, f32(i));
+                terminated = sum.a >= frame.opacity_cutoff;
+                if terminated || i > walk.last || !brick_contains(brick, offset) {
                     break;
                 }
             }
+            if terminated || i > walk.last {
+                break;
+            }
         }
+        more = !terminated && next_run(ray, &walk);
     }
     write_pixel(id.xy, sum, samples, walk, ray, terminated);
 }
@@ -79,19 +90,29 @@ fn cast_mip(@builtin(global_invocation_id) id: vec3u) {
     }
     let ray = ray_for_pixel(frame.tile_origin + id.xy);
     var walk = start_walk(ray, id.xy);
-    var brick = brick_none();
     // Blocks that hold nothing above the volume's minimum are skipped: this is their maximum.
     var greatest = frame.value_floor;
     var samples = 0u;
-    while next_run(ray, &walk) {
-        for (var i = walk.first; i <= walk.last; i++) {
-            let offset = ray_offset(ray, f32(i));
-            if !brick_contains(brick, offset) {
-                brick = brick_at(offset);
+    var more = next_run(ray, &walk);
+    while more {
+        var i = walk.first;
+        loop {
+            var offset = ray_offset(ray, f32(i));
+            let brick = brick_at(offset);
+            loop {
+                greatest = max(greatest, sample_value(brick, offset));
+                samples += 1u;
+                i += 1;
+                offset = ray_offset(ray, f32(i));
+                if i > walk.last || !brick_contains(brick, offset) {
+                    break;
+                }
             }
-            samples += 1u;
-            greatest = max(greatest, sample_value(brick, offset));
+            if i > walk.last {
+                break;
+            }
         }
+        more = next_run(ray, &walk);
     }
     var color = vec4f(0.0);
     if ray.first <= ray.last {
@@ -108,44 +129,47 @@ fn cast_iso(@builtin(global_invocation_id) id: vec3u) {
     }
     let ray = ray_for_pixel(frame.tile_origin + id.xy);
     var walk = start_walk(ray, id.xy);
-    var brick = brick_none();
     var samples = 0u;
     var above_before = false;
     // The sample that `above_before` belongs to: a run that doesn't continue the last one starts afresh.
     var before = -2;
-    var hit = -1.0;
-    while hit < 0.0 && next_run(ray, &walk) {
-        for (var i = walk.first; i <= walk.last; i++) {
-            let offset = ray_offset(ray, f32(i));
-            if !brick_contains(brick, offset) {
-                brick = brick_at(offset);
+    var hit = false;
+    var more = next_run(ray, &walk);
+    while more {
+        var i = walk.first;
+        loop {
+            var offset = ray_offset(ray, f32(i));
+            let brick = brick_at(offset);
+            loop {
+                let above = sample_value(brick, offset) >= frame.iso;
+                hit = before == i - 1 && above != above_before;
+                above_before = above;
+                before = i;
+                samples += 1u;
+                i += 1;
+                offset = ray_offset(ray, f32(i));
+                if hit || i > walk.last || !brick_contains(brick, offset) {
+                    break;
+                }
             }
-            samples += 1u;
-            let above = sample_value(brick, offset) >= frame.iso;
-            if before == i - 1 && above != above_before {
-                hit = refine_hit(ray, f32(i), above);
+            if hit || i > walk.last {
                 break;
             }
-            above_before = above;
-            before = i;
         }
+        more = !hit && next_run(ray, &walk);
     }
-    var color = vec4f(0.0);
-    if hit >= 0.0 {
-        let offset = ray_offset(ray, hit);
-        brick = brick_at(offset);
-        var surface = frame.iso_color.rgb;
-        if frame_has(FLAG_PHONG) {
-            surface = shade_phong(surface, sample_gradient(brick, offset), ray.direction);
-        }
-        color = vec4f(surface, 1.0);
+    // The hit lies between samples `before` − 1 and `before`.
+    let offset = ray_offset(ray, refine_hit(ray, f32(before), above_before));
+    var surface = frame.iso_color.rgb;
+    if SHADED {
+        surface = shade_phong(surface, sample_gradient(brick_at(offset), offset), ray.direction);
     }
-    write_pixel(id.xy, color, samples, walk, ray, hit >= 0.0);
+    write_pixel(id.xy, select(vec4f(0.0), vec4f(surface, 1.0), hit), samples, walk, ray, hit);
 }
 
 // Six bisection steps between sample `index`, on the new side, and the one before (techniques.md T1.3).
 fn refine_hit(ray: Ray, index: f32, above: bool) -> f32 {
-    if !frame_has(FLAG_REFINE) {
+    if !REFINED {
         return index;
     }
     var at = index - 0.5;

@@ -17,8 +17,9 @@ pub enum BrickError {
     Store(#[from] StoreError),
     /// A slab of this volume does not fit the memory.
     #[error(
-        "{name}: a slab of 34 slices of {dims} voxels and its levels need --memory {needed_mib}MiB, \
-             given were {given_mib}MiB; give --memory {needed_mib}MiB or more"
+        "{name}: slabs of 34 slices of {} × {} voxels, for all levels, need --memory {needed_mib}MiB, \
+             given were {given_mib}MiB; give --memory {needed_mib}MiB or more",
+        dims.x, dims.y
     )]
     Memory {
         /// The source.
@@ -37,7 +38,7 @@ pub enum BrickError {
         given_mib: u64,
     },
     /// More levels than a store can have, or a volume beyond its grid.
-    #[error("{name}: {dims} voxels need {what}; {remedy}")]
+    #[error("{name}: {} × {} × {} voxels need {what}; {remedy}", dims.x, dims.y, dims.z)]
     TooLarge {
         /// The source.
         name: String,
@@ -50,8 +51,9 @@ pub enum BrickError {
     },
     /// A value does not fit the stored type that was asked for.
     #[error(
-        "{name}: voxel {voxel} is {value}, which {store_type} can't hold: {source_type} values are kept as \
-             {store_type} only if all are {range}; use --store-type auto"
+        "{name}: voxel ({}, {}, {}) is {value}, which {store_type} can't hold: {source_type} values are kept as \
+             {store_type} only if all are {range}; use --store-type auto",
+        voxel.x, voxel.y, voxel.z
     )]
     Value {
         /// The source.

@@ -8,7 +8,7 @@
 //! ```
 //! Each level keeps a rolling slab of 34 slices (a layer of bricks and its borders). What is here: [`plan`] (levels and
 //! memory), [`convert`] (source type to stored type), [`downsample`] (the box filter), [`border`] (cutting bricks out of
-//! slabs), [`stats`] (histogram, range, hash), [`pipeline`], [`progress`], and [`verify`], which checks a store against
+//! slabs), [`stats`] (histogram, range, hash), [`pipeline`], [`progress`], and [`mod@verify`], which checks a store against
 //! the same formulas. What is not: file formats (`input`, `store`) and anything of the GPU.
 
 pub mod border;

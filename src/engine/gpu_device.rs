@@ -75,7 +75,7 @@ impl GpuDevice {
         store: &Arc<Store>,
         options: &EngineOptions,
     ) -> Result<Self, EngineError> {
-        let gpu = GpuContext::open(choice)?;
+        let gpu = GpuContext::open(choice, options.use_optional_features)?;
         let renderer = Renderer::new(&gpu)?;
         let grids = (0..store.levels()).map(|l| store.level(Lod(l as u8)).grid).collect();
         Ok(Self {

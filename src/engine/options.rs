@@ -46,6 +46,8 @@ pub struct EngineOptions {
     pub decode_threads: usize,
     /// How values between voxels are read on the GPU.
     pub filter: SampleFilter,
+    /// Use the features that an adapter has but need not have? `false` draws as on one without them, for tests.
+    pub use_optional_features: bool,
     /// The order in which atlas slots are given out, for tests: 0 is rising, others are shuffled.
     pub slot_order_seed: u64,
 }
@@ -58,6 +60,7 @@ impl Default for EngineOptions {
             ram_bytes: 1 << 30,
             decode_threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
             filter: SampleFilter::default(),
+            use_optional_features: true,
             slot_order_seed: 0,
         }
     }

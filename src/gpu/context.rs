@@ -44,12 +44,12 @@ pub struct GpuContext {
 }
 
 impl GpuContext {
-    /// Opens a device on the adapter that `choice` means, with the adapter's own limits and whatever it has of the
-    /// features that are used when there.
+    /// Opens a device on the adapter that `choice` means, with the adapter's own limits and, if `use_optional`, whatever
+    /// it has of the features that are used when there.
     ///
     /// # Errors
     /// There is no adapter (at all, or of that name), or it gives no device.
-    pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
+    pub fn open(choice: &AdapterChoice, use_optional: bool) -> Result<Self, GpuError> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
         let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
         let name_of = |a: &Adapter| a.get_info().name;
@@ -73,13 +73,13 @@ impl GpuContext {
             }
         };
         let adapter = adapters.into_iter().min_by_key(rank).ok_or(GpuError::NoAdapter)?;
-        Self::open_on(&adapter)
+        Self::open_on(&adapter, use_optional)
     }
 
-    fn open_on(adapter: &Adapter) -> Result<Self, GpuError> {
+    fn open_on(adapter: &Adapter, use_optional: bool) -> Result<Self, GpuError> {
         let info = adapter.get_info();
         let wanted = Features::TEXTURE_FORMAT_16BIT_NORM | Features::FLOAT32_FILTERABLE | Features::TIMESTAMP_QUERY;
-        let features = adapter.features() & wanted;
+        let features = if use_optional { adapter.features() & wanted } else { Features::empty() };
         let limits = adapter.limits();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("gpu.device"),

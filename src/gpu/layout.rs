@@ -101,14 +101,6 @@ macro_rules! constants {
 constants! {
     /// Switch of `FrameUniforms::flags`: mesh interval, brick and block skipping.
     FLAG_SKIP = 1;
-    /// Switch: bisection at iso-surfaces.
-    FLAG_REFINE = 2;
-    /// Switch: Phong shading.
-    FLAG_PHONG = 4;
-    /// Switch: the value of the containing voxel instead of interpolation.
-    FLAG_NEAREST = 8;
-    /// Switch: orthographic projection.
-    FLAG_ORTHOGRAPHIC = 16;
     /// Place of the tag bits in an indirection word.
     TAG_SHIFT = 30;
     /// The other bits.

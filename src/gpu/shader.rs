@@ -16,6 +16,23 @@ pub struct Part {
     pub text: &'static str,
 }
 
+impl Part {
+    /// The embedded text; in debug builds the file below `SHADER_DIR`, if that is set, so that shaders can be tried
+    /// without a build.
+    fn current_text(&self) -> std::borrow::Cow<'static, str> {
+        if cfg!(debug_assertions)
+            && let Some(folder) = std::env::var_os("SHADER_DIR")
+        {
+            let path = std::path::Path::new(&folder).join(self.path);
+            match std::fs::read_to_string(&path) {
+                Ok(text) => return text.into(),
+                Err(error) => tracing::warn!("SHADER_DIR: cannot read {}: {error}", path.display()),
+            }
+        }
+        self.text.into()
+    }
+}
+
 macro_rules! part {
     ($path:literal) => {
         Part { path: concat!("shaders/", $path), text: include_str!(concat!("../../shaders/", $path)) }
@@ -94,7 +111,7 @@ impl ShaderSource {
         let mut first_lines = vec![(1, "generated constants")];
         for part in self.parts {
             first_lines.push((text.lines().count() as u32 + 1, part.path));
-            text.push_str(part.text);
+            text.push_str(&part.current_text());
             if !text.ends_with('\n') {
                 text.push('\n');
             }

@@ -4,13 +4,9 @@ use glam::{DAffine3, DMat4, DVec3, DVec4, Vec3};
 
 use crate::camera::Projection;
 use crate::gpu::GpuContext;
-use crate::gpu::layout::{
-    FLAG_NEAREST, FLAG_ORTHOGRAPHIC, FLAG_PHONG, FLAG_REFINE, FLAG_SKIP, FrameUniforms,
-};
+use crate::gpu::layout::{FLAG_SKIP, FrameUniforms};
 use crate::geom::BLOCK_EDGE;
-use crate::scene::{
-    Classified, Interpolation, PictureSettings, RayFrame, ShadingModel, Technique,
-};
+use crate::scene::{Classified, PictureSettings, RayFrame, Technique};
 
 use super::bindings;
 use super::residency::Residency;
@@ -91,7 +87,6 @@ impl FrameBindings {
 fn uniforms(inputs: &FrameInputs<'_>, volume: &Residency, tile: Tile) -> FrameUniforms {
     let FrameInputs { rays, classified, settings, value_floor } = *inputs;
     let depth = DepthRange::new(rays);
-    let flag = |on, bit| if on { bit } else { 0 };
     let [lut_lo, lut_scale] = classified.lut.index_lo_scale();
     let shading = &settings.shading;
     let light = shading.light.map(|d| (-d).normalize_or_zero().as_vec3());
@@ -116,11 +111,7 @@ fn uniforms(inputs: &FrameInputs<'_>, volume: &Residency, tile: Tile) -> FrameUn
         tile_origin: tile.origin,
         tile_size: tile.size,
         last_index: rays.last_index,
-        flags: flag(settings.technique == Technique::Default, FLAG_SKIP)
-            | flag(settings.refine, FLAG_REFINE)
-            | flag(shading.model == ShadingModel::Phong, FLAG_PHONG)
-            | flag(settings.interpolation == Interpolation::Nearest, FLAG_NEAREST)
-            | flag(rays.projection == Projection::Orthographic, FLAG_ORTHOGRAPHIC),
+        flags: if settings.technique == Technique::Default { FLAG_SKIP } else { 0 },
         step_mm: rays.step_mm,
         first_mm: rays.first_mm,
         near_mm: rays.near_mm,

@@ -83,7 +83,7 @@ impl Renderer {
         tile: [u32; 2],
     ) -> Result<OffscreenPicture, GpuError> {
         let settings = inputs.settings;
-        self.raycast.prepare(gpu, settings.mode, &self.frame, volume)?;
+        self.raycast.prepare(gpu, settings, &self.frame, volume)?;
         if self.targets.as_ref().is_none_or(|(size, ..)| *size != tile) {
             self.targets = Some(gpu.checked("allocating the picture's buffers", || {
                 let bounds = BoundsTargets::new(gpu, tile.map(|t| t + 2 * BOUNDS_MARGIN));
@@ -122,7 +122,7 @@ impl Renderer {
                         label: Some("raycast"),
                         timestamp_writes: timer.compute("raycast"),
                     });
-                    self.raycast.record(&mut pass, settings.mode, &self.frame, volume, raycast_targets, part.size);
+                    self.raycast.record(&mut pass, settings, &self.frame, volume, raycast_targets, part.size);
                 }
                 timer.resolve(&mut encoder);
                 gpu.queue.submit([encoder.finish()]);

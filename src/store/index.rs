@@ -82,7 +82,8 @@ impl BrickEntry {
                 format!("flags {flags:#x}, {:#x}", u32_at(28)),
             ));
         }
-        if !(min.is_finite() && max.is_finite() && min <= max) || !fits(min, max, stored_type) {
+        let is_range = min.is_finite() && max.is_finite() && min <= max;
+        if !is_range || !fits(min, max, stored_type) {
             return Err((
                 format!("a range of finite {stored_type} values"),
                 format!("{min} to {max}"),

@@ -147,7 +147,7 @@ fn to_json(store: &Store, counts: &[LevelCount]) -> Value {
 
 fn write_text(store: &Store, counts: &[LevelCount], out: &mut impl Write) -> io::Result<()> {
     let meta = store.meta();
-    let mut line = |name: &str, value: String| writeln!(out, "{:<14}{value}", format!("{name}:"));
+    let mut line = |name: &str, value: String| writeln!(out, "{:<17}{value}", format!("{name}:"));
     let (d, s) = (meta.dims, meta.spacing());
     line("store", store.path().display().to_string())?;
     line("source", meta.source_name.clone())?;

@@ -7,16 +7,42 @@ use crate::gpu::{GpuContext, GpuError, shader};
 use crate::render::bindings;
 use crate::render::frame::FrameBindings;
 use crate::render::residency::{AtlasKind, Residency};
-use crate::scene::Mode;
+use crate::camera::Projection;
+use crate::scene::{Interpolation, Mode, PictureSettings, ShadingModel};
 
 /// Pixels of a work-group.
 const GROUP: [u32; 2] = [8, 8];
+
+/// What a pipeline is built for. Skipping is not here: with and without it must be equal to the bit, so it is a uniform
+/// (design.md §2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Variant {
+    mode: Mode,
+    atlas: AtlasKind,
+    shaded: bool,
+    refined: bool,
+    nearest: bool,
+    orthographic: bool,
+}
+
+impl Variant {
+    fn new(settings: &PictureSettings, volume: &Residency) -> Self {
+        Self {
+            mode: settings.mode,
+            atlas: volume.kind(),
+            shaded: settings.shading.model == ShadingModel::Phong,
+            refined: settings.refine,
+            nearest: settings.interpolation == Interpolation::Nearest,
+            orthographic: settings.camera.projection == Projection::Orthographic,
+        }
+    }
+}
 
 /// The pipelines that were needed so far.
 #[derive(Debug)]
 pub(in crate::render) struct RaycastPass {
     layout: wgpu::BindGroupLayout,
-    pipelines: HashMap<(Mode, AtlasKind), wgpu::ComputePipeline>,
+    pipelines: HashMap<Variant, wgpu::ComputePipeline>,
 }
 
 /// What a tile is cast into, and from which depths.
@@ -72,25 +98,25 @@ impl RaycastPass {
         RaycastTargets { picture, counts, group }
     }
 
-    /// Builds the pipeline of `mode` for this atlas, if it isn't there yet.
+    /// Builds the pipeline for these settings, if it isn't there yet.
     pub(in crate::render) fn prepare(
         &mut self,
         gpu: &GpuContext,
-        mode: Mode,
+        settings: &PictureSettings,
         frame: &FrameBindings,
         volume: &Residency,
     ) -> Result<(), GpuError> {
-        let key = (mode, volume.kind());
-        if self.pipelines.contains_key(&key) {
+        let variant = Variant::new(settings, volume);
+        if self.pipelines.contains_key(&variant) {
             return Ok(());
         }
-        let source = match volume.kind() {
+        let source = match variant.atlas {
             AtlasKind::Filtered => shader::RAYCAST_FILTERED,
             AtlasKind::Float => shader::RAYCAST_FLOAT,
             AtlasKind::Uint => shader::RAYCAST_UINT,
         };
         let module = source.compile(gpu)?;
-        let entry_point = match mode {
+        let entry_point = match variant.mode {
             Mode::Dvr => "cast_dvr",
             Mode::Iso => "cast_iso",
             Mode::Mip => "cast_mip",
@@ -107,13 +133,20 @@ impl RaycastPass {
                 module: &module,
                 entry_point: Some(entry_point),
                 compilation_options: wgpu::PipelineCompilationOptions {
-                    constants: &[("GROUP_WIDTH", f64::from(GROUP[0])), ("GROUP_HEIGHT", f64::from(GROUP[1]))],
+                    constants: &[
+                        ("GROUP_WIDTH", f64::from(GROUP[0])),
+                        ("GROUP_HEIGHT", f64::from(GROUP[1])),
+                        ("SHADED", f64::from(u8::from(variant.shaded))),
+                        ("REFINED", f64::from(u8::from(variant.refined))),
+                        ("NEAREST", f64::from(u8::from(variant.nearest))),
+                        ("ORTHOGRAPHIC", f64::from(u8::from(variant.orthographic))),
+                    ],
                     ..Default::default()
                 },
                 cache: None,
             }))
         })?;
-        self.pipelines.insert(key, pipeline);
+        self.pipelines.insert(variant, pipeline);
         Ok(())
     }
 
@@ -121,13 +154,14 @@ impl RaycastPass {
     pub(in crate::render) fn record(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
-        mode: Mode,
+        settings: &PictureSettings,
         frame: &FrameBindings,
         volume: &Residency,
         targets: &RaycastTargets,
         size: [u32; 2],
     ) {
-        let pipeline = self.pipelines.get(&(mode, volume.kind())).expect("invariant: prepared before recorded");
+        let pipeline =
+            self.pipelines.get(&Variant::new(settings, volume)).expect("invariant: prepared before recorded");
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &frame.group, &[]);
         pass.set_bind_group(1, &volume.group, &[]);

@@ -1,0 +1,166 @@
+//! What a frame costs: the default technique against `basic`, on the first graphics adapter (the software one first).
+//!
+//! Measures: process-CPU and wall milliseconds per frame over a turn of small steps, everything resident after one
+//! warm-up frame, mesh and visibility made anew for each frame as `render` does. Does not measure: reading, decoding,
+//! uploading, pipeline compilation. Ratios are of one run, interleaved; CPU time is the steadier figure on a shared
+//! machine.
+//!
+//! `cargo bench --bench frame -- STORE.bsk [--frames N] [--size N] [--iso VALUE] [--mode M] [--step S] [--filter hardware]`
+
+#[cfg(not(feature = "gpu"))]
+fn main() {
+    eprintln!("this bench needs the feature `gpu`");
+}
+
+#[cfg(feature = "gpu")]
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    gpu::main()
+}
+
+#[cfg(feature = "gpu")]
+mod gpu {
+    use std::error::Error;
+    use std::path::PathBuf;
+    use std::time::Instant;
+
+    use brickscope::camera::Camera;
+    use brickscope::classify::grey_ramp;
+    use brickscope::engine::{DeviceChoice, Engine, EngineOptions, SampleFilter};
+    use brickscope::scene::{
+        Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, PictureStats, Shading,
+        ShadingModel, Technique, default_window, volume_bounds,
+    };
+    use glam::Vec3;
+
+    struct Args {
+        store: PathBuf,
+        frames: u32,
+        size: u32,
+        iso: Option<f64>,
+        mode: Option<String>,
+        step: f64,
+        filter: SampleFilter,
+    }
+
+    fn args() -> Result<Args, Box<dyn Error>> {
+        let mut out = Args {
+            store: PathBuf::new(),
+            frames: 6,
+            size: 512,
+            iso: None,
+            mode: None,
+            step: 1.0,
+            filter: SampleFilter::default(),
+        };
+        let mut words = std::env::args().skip(1).filter(|w| w != "--bench");
+        while let Some(word) = words.next() {
+            let mut value = || words.next().ok_or(format!("{word} needs a value"));
+            match word.as_str() {
+                "--frames" => out.frames = value()?.parse()?,
+                "--size" => out.size = value()?.parse()?,
+                "--iso" => out.iso = Some(value()?.parse()?),
+                "--mode" => out.mode = Some(value()?),
+                "--step" => out.step = value()?.parse()?,
+                "--filter" if value()? == "hardware" => out.filter = SampleFilter::Hardware,
+                _ => out.store = word.into(),
+            }
+        }
+        if out.store.as_os_str().is_empty() {
+            return Err("expected a store; make one with 'brickscope brick INPUT -o OUT.bsk'".into());
+        }
+        Ok(out)
+    }
+
+    /// User and system time of this process, milliseconds, by the Linux scheduler's clock.
+    fn cpu_ms() -> f64 {
+        let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+        // Fields 14 and 15, counted behind the parenthesised name; in ticks of 10 ms.
+        let after_name = stat.rsplit(')').next().unwrap_or_default();
+        after_name.split_whitespace().skip(11).take(2).filter_map(|f| f.parse::<f64>().ok()).sum::<f64>() * 10.0
+    }
+
+    #[derive(Default)]
+    struct Cost {
+        cpu_ms: f64,
+        wall_ms: f64,
+        raycast_ms: f64,
+        bounds_ms: f64,
+        last: PictureStats,
+    }
+
+    pub(super) fn main() -> Result<(), Box<dyn Error>> {
+        let args = args()?;
+        let options = EngineOptions { device: DeviceChoice::SoftwareGpu, filter: args.filter, ..EngineOptions::default() };
+        let mut engine = Engine::open(&args.store, options)?;
+        println!("{}, {}, {}², step {}", engine.device_name(), args.store.display(), args.size, args.step);
+        println!(
+            "{:>6} {:>6} {:>8} | {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} | ratio (CPU)",
+            "mode", "shaded", "tech", "cpu ms", "wall ms", "raycast", "bounds", "Msamples", "triangles"
+        );
+        let meta = engine.meta();
+        let [low, high] = default_window(meta);
+        let iso = args.iso.unwrap_or(0.5 * (low + high));
+        let bounds = volume_bounds(meta.dims, &meta.world_from_index);
+        for (name, mode, shaded) in
+            [("dvr", Mode::Dvr, false), ("dvr", Mode::Dvr, true), ("iso", Mode::Iso, true), ("mip", Mode::Mip, false)]
+        {
+            if args.mode.as_deref().is_some_and(|m| m != name) {
+                continue;
+            }
+            let model = if shaded { ShadingModel::Phong } else { ShadingModel::None };
+            let settings = |technique, azimuth| -> Result<PictureSettings, Box<dyn Error>> {
+                Ok(PictureSettings {
+                    size: [args.size; 2],
+                    background: Background::Color(Vec3::ZERO),
+                    mode,
+                    classification: Classification {
+                        transfer: grey_ramp(low, high, 0.5)?,
+                        opacity_unit_mm: None,
+                        iso: Some(IsoSurface { value: iso, color: IsoSurface::DEFAULT_COLOR }),
+                    },
+                    shading: Shading { model, ..Shading::default() },
+                    step: args.step,
+                    interpolation: Interpolation::Linear,
+                    refine: true,
+                    lod: LodChoice::Auto,
+                    opacity_cutoff: 0.99,
+                    technique,
+                    camera: Camera::orbit(&bounds, azimuth, 15.0, 1.0, 30.0)?,
+                })
+            };
+            let mut costs = [Cost::default(), Cost::default()];
+            let techniques = [Technique::Default, Technique::Basic];
+            // Warm-up: pipelines, and the bricks of both.
+            for technique in techniques {
+                engine.render(&settings(technique, 0.0)?)?;
+            }
+            for frame in 0..args.frames {
+                for (technique, cost) in techniques.into_iter().zip(&mut costs) {
+                    let settings = settings(technique, 360.0 * f64::from(frame) / f64::from(args.frames))?;
+                    let (cpu, wall) = (cpu_ms(), Instant::now());
+                    let picture = engine.render(&settings)?;
+                    cost.cpu_ms += cpu_ms() - cpu;
+                    cost.wall_ms += wall.elapsed().as_secs_f64() * 1e3;
+                    for (pass, ms) in picture.stats.passes_ms.iter().flatten() {
+                        *(if pass == "raycast" { &mut cost.raycast_ms } else { &mut cost.bounds_ms }) += ms;
+                    }
+                    cost.last = picture.stats;
+                }
+            }
+            let n = f64::from(args.frames);
+            for (tech, cost) in ["default", "basic"].iter().zip(&costs) {
+                println!(
+                    "{name:>6} {shaded:>6} {tech:>8} | {:9.1} {:9.1} {:9.1} {:9.1} {:9.2} {:9} | {:.2}",
+                    cost.cpu_ms / n,
+                    cost.wall_ms / n,
+                    cost.raycast_ms / n,
+                    cost.bounds_ms / n,
+                    cost.last.samples as f64 / 1e6,
+                    cost.last.mesh_triangles.unwrap_or(0),
+                    costs[1].cpu_ms / cost.cpu_ms
+                );
+            }
+        }
+        Ok(())
+    }
+}

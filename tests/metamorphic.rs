@@ -1,0 +1,160 @@
+//! Tier 4: what must not change a picture doesn't, to the bit: skipping, the mesh, the place of bricks in the atlas
+//! (design.md §2, invariants 1 and 4; §5; §6).
+#![cfg(feature = "gpu")]
+
+#[path = "support/compare.rs"]
+#[allow(dead_code, reason = "shared with the other tests of pictures")]
+mod compare;
+#[path = "support/memory_source.rs"]
+#[allow(dead_code, reason = "shared with the tests of bricking")]
+mod memory_source;
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with the other tests of pictures")]
+mod scenes;
+
+use brickscope::camera::{Camera, Projection};
+use brickscope::engine::{Engine, EngineOptions, SampleFilter};
+use brickscope::scene::{Mode, PictureSettings, Shading, ShadingModel, Technique};
+use brickscope::volume::VoxelType;
+use compare::{assert_same_bits, coverage, difference};
+use glam::{DAffine3, DVec3};
+use memory_source::{MemorySource, noise};
+use scenes::{TestStore, gpu, inside, oblique, phantom, settings, store_of};
+
+const MODES: [Mode; 3] = [Mode::Dvr, Mode::Iso, Mode::Mip];
+
+/// Random single 4³ blocks of 255 in zeros, 96³: the hardest mesh there is.
+fn speckle(share: u32, affine: DAffine3) -> TestStore {
+    const EDGE: usize = 96;
+    const BLOCKS: usize = EDGE / 4;
+    let on: Vec<bool> = noise(BLOCKS.pow(3), 7).map(|v| v % share == 0).collect();
+    let mut bytes = vec![0_u8; EDGE.pow(3)];
+    for (i, byte) in bytes.iter_mut().enumerate() {
+        let (x, y, z) = (i % EDGE / 4, i / EDGE % EDGE / 4, i / EDGE / EDGE / 4);
+        if on[(z * BLOCKS + y) * BLOCKS + x] {
+            *byte = 255;
+        }
+    }
+    let mut source = MemorySource::new([EDGE as u64; 3], VoxelType::U8, bytes);
+    source.desc.world_from_index = affine;
+    store_of(&mut source)
+}
+
+/// Skipping on and off in one engine, one pipeline. Returns the share of the picture that shows something.
+fn check_skipping(engine: &mut Engine, settings: &PictureSettings, what: &str) -> f64 {
+    let mut plain = settings.clone();
+    plain.technique = Technique::Basic;
+    let (skipping, plain) = (engine.render(settings).unwrap(), engine.render(&plain).unwrap());
+    assert_same_bits(&skipping.image, &plain.image, what);
+    assert!(skipping.stats.samples <= plain.stats.samples, "{what}: skipping takes no more samples");
+    coverage(&plain.image)
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn speckle_with_mesh_is_speckle_without_from_100_cameras() {
+    let store = speckle(23, oblique());
+    let mut engine = gpu(&store, EngineOptions::default());
+    let mut random = noise(100 * 6, 42).map(|v| f64::from(v) / f64::from(1 << 24));
+    let mut next = |low: f64, high: f64| low + (high - low) * random.next().expect("enough noise");
+    let mut covered = 0.0;
+    for i in 0..100 {
+        let mode = MODES[i % 3];
+        let mut s = settings(&store.store, mode);
+        s.size = [72, 56];
+        s.step = [0.5, 1.0, 5.0][i / 3 % 3];
+        let (place, direction) = (
+            DVec3::new(next(0.0, 1.0), next(0.0, 1.0), next(0.0, 1.0)),
+            DVec3::new(next(-1.0, 1.0), next(-1.0, 1.0), next(-1.0, 1.0)),
+        );
+        if i % 2 == 0 {
+            s.camera = inside(&store.store, place, direction);
+        } else {
+            let bounds = brickscope::scene::volume_bounds(store.store.meta().dims, &oblique());
+            s.camera = Camera::orbit(&bounds, place.x * 360.0, direction.y * 89.0, 0.7 + place.z * 4.0, 40.0).unwrap();
+            if i % 4 == 1 {
+                s.camera.projection = Projection::Orthographic;
+            }
+        }
+        covered += check_skipping(&mut engine, &s, &format!("camera {i}, {}, step {}", mode.name(), s.step));
+    }
+    assert!(covered / 100.0 > 0.3, "the cameras see something: {covered} %");
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn a_mirrored_affine_keeps_front_faces_in_front() {
+    let mirrored = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    let store = speckle(200, mirrored);
+    let mut engine = gpu(&store, EngineOptions::default());
+    for mode in MODES {
+        let mut s = settings(&store.store, mode);
+        s.step = 1.0;
+        assert!(check_skipping(&mut engine, &s, mode.name()) > 0.05, "something is seen");
+    }
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn skipping_changes_nothing_in_a_body() {
+    let store = phantom("phantom:body:120,80,130:u16");
+    for filter in [SampleFilter::Exact, SampleFilter::Hardware] {
+        let mut engine = gpu(&store, EngineOptions { filter, ..EngineOptions::default() });
+        for mode in MODES {
+            for (model, step) in [(ShadingModel::None, 0.5), (ShadingModel::Phong, 2.5)] {
+                let mut s = settings(&store.store, mode);
+                s.shading = Shading { model, ..Shading::default() };
+                s.step = step;
+                let covered = check_skipping(&mut engine, &s, &format!("{filter:?} {} step {step}", mode.name()));
+                assert!(covered > 0.05, "something is seen: {covered}");
+                s.camera = inside(&store.store, DVec3::new(0.5, 0.5, 0.6), DVec3::new(0.2, -1.0, 0.1));
+                check_skipping(&mut engine, &s, &format!("{filter:?} {} step {step} inside", mode.name()));
+            }
+        }
+    }
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn the_place_in_the_atlas_changes_nothing() {
+    let store = phantom("phantom:marschner-lobb:100,90,80:u16");
+    let bytes = phantom("phantom:body:100,90,80:u8");
+    for (store, mode) in [(&store, Mode::Dvr), (&store, Mode::Iso), (&bytes, Mode::Dvr), (&bytes, Mode::Mip)] {
+        for filter in [SampleFilter::Exact, SampleFilter::Hardware] {
+            let s = settings(&store.store, mode);
+            let pictures = [0, 1, 2].map(|slot_order_seed| {
+                let options = EngineOptions { filter, slot_order_seed, ..EngineOptions::default() };
+                gpu(store, options).render(&s).unwrap().image
+            });
+            assert!(coverage(&pictures[0]) > 0.05, "something is seen");
+            for other in &pictures[1..] {
+                assert_same_bits(&pictures[0], other, &format!("{filter:?} {} shuffled slots", mode.name()));
+            }
+        }
+    }
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn a_missing_block_is_seen() {
+    // The control of the tests above: one 4³ block less must change the picture.
+    let (with, without) = (speckle(200, DAffine3::IDENTITY), speckle(201, DAffine3::IDENTITY));
+    let s = settings(&with.store, Mode::Dvr);
+    let draw = |store: &TestStore| gpu(store, EngineOptions::default()).render(&s).unwrap().image;
+    assert!(difference(&draw(&with), &draw(&without), 0.0).beyond > 0, "other blocks, other picture");
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn too_little_memory_draws_a_coarser_level_and_says_so() {
+    let store = phantom("phantom:sponge:200,200,200:u16");
+    let options = EngineOptions { gpu_memory_bytes: Some(24 << 20), ..EngineOptions::default() };
+    let picture = gpu(&store, options).render(&settings(&store.store, Mode::Dvr)).unwrap();
+    assert!(picture.stats.lod > 0, "level 0 doesn't fit 24 MiB");
+    assert_eq!(picture.notes.len(), usize::from(picture.stats.lod), "each level that didn't fit is named");
+    assert!(picture.stats.gpu_bytes.unwrap() <= 24 << 20, "the budget holds: {:?}", picture.stats.gpu_bytes);
+    let mut exact = settings(&store.store, Mode::Dvr);
+    exact.lod = brickscope::scene::LodChoice::Fixed(brickscope::geom::Lod(picture.stats.lod));
+    let same = gpu(&store, EngineOptions::default()).render(&exact).unwrap();
+    assert_same_bits(&picture.image, &same.image, "the coarser level is that level");
+}

@@ -1,0 +1,151 @@
+//! Stores, settings and engines for the tests of pictures.
+
+use std::sync::Arc;
+
+use brickscope::bricking::{self, BrickOptions, NoProgress};
+use brickscope::camera::Camera;
+use brickscope::classify::{
+    ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction,
+};
+use brickscope::engine::{DeviceChoice, Engine, EngineOptions, Picture};
+use brickscope::scene::{
+    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, Shading, ShadingModel,
+    Technique, volume_bounds,
+};
+use brickscope::store::Store;
+use brickscope::volume::{VoxelSource, VoxelType};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+
+use crate::memory_source::MemorySource;
+
+/// A store on disk that goes with its folder.
+pub struct TestStore {
+    _folder: tempfile::TempDir,
+    /// The store.
+    pub store: Arc<Store>,
+}
+
+/// Bricks a source into a temporary store.
+pub fn store_of(source: &mut dyn VoxelSource) -> TestStore {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("test.bsk");
+    bricking::brick(source, &path, &BrickOptions::default(), &NoProgress).expect("the source can be bricked");
+    TestStore { store: Arc::new(Store::open(&path).expect("a store just written opens")), _folder: folder }
+}
+
+/// A phantom's store.
+pub fn phantom(spec: &str) -> TestStore {
+    store_of(brickscope::input::open(spec, None).expect("a known phantom").as_mut())
+}
+
+/// A volume of `dims` from a function of the voxel's centre (0–1 per axis) with values 0–1, stretched to the type.
+pub fn field(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn(DVec3) -> f64) -> MemorySource {
+    let mut bytes = Vec::new();
+    for z in 0..dims[2] {
+        for y in 0..dims[1] {
+            for x in 0..dims[0] {
+                let at = (DVec3::new(x as f64, y as f64, z as f64) + 0.5)
+                    / DVec3::new(dims[0] as f64, dims[1] as f64, dims[2] as f64);
+                let v = value(at).clamp(0.0, 1.0);
+                match voxel_type {
+                    VoxelType::U8 => bytes.push((v * 255.0).round() as u8),
+                    VoxelType::U16 => bytes.extend(((v * 65535.0).round() as u16).to_le_bytes()),
+                    VoxelType::F32 => bytes.extend((v as f32).to_le_bytes()),
+                    other => panic!("no field of {other}"),
+                }
+            }
+        }
+    }
+    MemorySource::new(dims, voxel_type, bytes)
+}
+
+/// A rotated, anisotropic, slightly sheared affine: nothing may rely on axes.
+pub fn oblique() -> DAffine3 {
+    let rotation = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_x(0.3);
+    let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.1, 1.0, 0.0), DVec3::new(0.0, 0.15, 1.0));
+    DAffine3::from_mat3_translation(
+        rotation * shear * DMat3::from_diagonal(DVec3::new(0.8, 1.1, 1.7)),
+        DVec3::new(-30.0, 12.0, 5.0),
+    )
+}
+
+/// A coloured transfer function over 0–1 of the physical range, transparent below `from`.
+pub fn transfer(store: &Store, from: f64) -> TransferFunction {
+    let meta = store.meta();
+    let ends = [meta.value_min, meta.value_max].map(|v| meta.rescale.physical(v));
+    let at = |t: f64| ends[0] + (ends[1] - ends[0]) * t;
+    let colors = [(0.0, [0.1, 0.1, 0.6]), (0.4, [0.9, 0.3, 0.1]), (0.7, [0.2, 0.8, 0.4]), (1.0, [1.0, 1.0, 0.9])];
+    let opacities = [(from, 0.0), (from + 0.15, 0.08), (0.6, 0.05), (0.8, 0.5), (1.0, 0.7)];
+    TransferFunction {
+        name: "test".into(),
+        color: ColorCurve::new(
+            colors.iter().map(|&(x, rgb)| ColorPoint { x: at(x), rgb }).collect(),
+            ColorSpace::Rgb,
+        )
+        .expect("rising points"),
+        opacity: OpacityCurve::new(opacities.iter().map(|&(x, a)| OpacityPoint::linear(at(x), a)).collect())
+            .expect("rising points"),
+    }
+}
+
+/// A picture of `store`: 128², step 0.5, orbit 35, 20; iso at half of the range.
+pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
+    let meta = store.meta();
+    let half = meta.rescale.physical(0.5 * (meta.value_min + meta.value_max));
+    let bounds = volume_bounds(meta.dims, &meta.world_from_index);
+    PictureSettings {
+        size: [128, 128],
+        background: Background::Color(Vec3::ZERO),
+        mode,
+        classification: Classification {
+            transfer: transfer(store, 0.25),
+            opacity_unit_mm: None,
+            iso: Some(IsoSurface { value: half, color: Vec3::new(0.9, 0.8, 0.7) }),
+        },
+        shading: Shading {
+            model: if mode == Mode::Iso { ShadingModel::Phong } else { ShadingModel::None },
+            ..Shading::default()
+        },
+        step: 0.5,
+        interpolation: Interpolation::Linear,
+        refine: true,
+        lod: LodChoice::Auto,
+        opacity_cutoff: 0.99,
+        technique: Technique::Default,
+        camera: Camera::orbit(&bounds, 35.0, 20.0, 1.0, 30.0).expect("a sound camera"),
+    }
+}
+
+/// A camera in the middle of the volume, looking along `direction`.
+pub fn inside(store: &Store, place: DVec3, direction: DVec3) -> Camera {
+    let meta = store.meta();
+    let eye = meta.world_from_index.transform_point3(meta.dims.as_dvec3() * place);
+    Camera {
+        eye,
+        target: eye + direction,
+        up: if direction.normalize().z.abs() > 0.9 { DVec3::Y } else { DVec3::Z },
+        fov_y_degrees: 60.0,
+        projection: brickscope::camera::Projection::Perspective,
+        near_mm: 0.0,
+    }
+}
+
+/// An engine on the software adapter.
+pub fn gpu(store: &TestStore, options: EngineOptions) -> Engine {
+    let options = EngineOptions { device: DeviceChoice::SoftwareGpu, ..options };
+    Engine::with_store(Arc::clone(&store.store), options)
+        .expect("a graphics adapter: install mesa-vulkan-drivers, or set SKIP_GPU_TESTS=1")
+}
+
+/// The picture that the CPU reference draws.
+pub fn reference(store: &TestStore, settings: &PictureSettings) -> Picture {
+    let options = EngineOptions { device: DeviceChoice::Cpu, ..EngineOptions::default() };
+    Engine::with_store(Arc::clone(&store.store), options)
+        .and_then(|mut engine| engine.render(settings))
+        .expect("the reference draws")
+}
+
+/// The picture that the GPU draws with fresh caches.
+pub fn drawn(store: &TestStore, settings: &PictureSettings) -> Picture {
+    gpu(store, EngineOptions::default()).render(settings).expect("the GPU draws")
+}
