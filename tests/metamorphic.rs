@@ -90,7 +90,7 @@ fn a_mirrored_affine_keeps_front_faces_in_front() {
     for mode in MODES {
         let mut s = settings(&store.store, mode);
         s.step = 1.0;
-        assert!(check_skipping(&mut engine, &s, mode.name()) > 0.05, "something is seen");
+        assert!(check_skipping(&mut engine, &s, mode.name()) > 0.02, "something is seen");
     }
 }
 

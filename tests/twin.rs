@@ -89,6 +89,7 @@ fn every_setting_matches_the_reference() {
     // Wider than a tile: the seam between tiles must not show.
     let mut wide = of(Mode::Dvr);
     wide.size = [1100, 24];
+    wide.camera.fov_y_degrees = 0.7;
     check(&store, &wide, 0, "two tiles");
 }
 

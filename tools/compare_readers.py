@@ -17,6 +17,7 @@ Needs: pip install numpy nibabel SimpleITK
 import argparse
 import itertools
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -86,6 +87,14 @@ def corner_distance(a, b, dims):
     """The greatest distance of the eight outermost voxel centres under two affines, mm."""
     corners = np.array([(*c, 1.0) for c in itertools.product(*[(0, n - 1) for n in dims])])
     return float(np.linalg.norm((corners @ (a - b).T)[:, :3], axis=1).max())
+
+
+def program(text):
+    """The program's full path: `./name` must not be looked for in PATH."""
+    found = shutil.which(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"{text}: no such program")
+    return Path(found).absolute()
 
 
 def run(*command):
@@ -175,7 +184,7 @@ def compare(brickscope, path, name, folder, tolerance, with_extract):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("brickscope", type=Path, metavar="BRICKSCOPE", help="the program")
+    parser.add_argument("brickscope", type=program, metavar="BRICKSCOPE", help="the program")
     parser.add_argument("data", type=Path, metavar="DATA", help="folder with nifti/, nrrd/, metaimage/, labels/")
     parser.add_argument("out", type=Path, metavar="OUT_FOLDER", help="stores and extracted files go here")
     parser.add_argument("--tolerance", type=float, default=1e-3, metavar="MM",

@@ -23,7 +23,7 @@ Times (--times N): VTK's is the wall time of Render and WaitForCompletion, the v
 2° for each frame. Ours is from `render --stats`, one process a frame: `passes` is the sum of passes_ms (what drawing
 took on the adapter, the bricks there), `wall` is wall_ms (with reading, decompressing and uploading the bricks, making
 tables, mesh and pipelines, and reading the picture back; no process start). Step 1, 512 × 512, median of N; the two take
-turns. VTK's `first` (upload, shader build, first picture) is the nearest to our `wall`.
+turns; iso-surfaces are opaque in both. VTK's `first` (upload, shader build, first picture) is the nearest to our `wall`.
 
 Needs: pip install numpy nibabel SimpleITK vtk pillow; an adapter whose name holds --device for brickscope, and one for
 VTK: without a display VTK_DEFAULT_OPENGL_WINDOW=vtkEGLRenderWindow, which is set here when there is no DISPLAY.
@@ -52,7 +52,7 @@ from vtkmodules.vtkRenderingCore import (
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401: registers the window
 from vtkmodules.vtkRenderingVolumeOpenGL2 import vtkOpenGLGPUVolumeRayCastMapper
 
-from compare_readers import read_outside
+from compare_readers import program, read_outside
 
 SIZE = 512
 FOV = 30.0
@@ -144,7 +144,8 @@ class VtkScene:
         prop = vtkVolumeProperty()
         opacities, colors = vtkPiecewiseFunction(), vtkColorTransferFunction()
         for x, a in opacity:
-            opacities.AddPoint(x, a)
+            # VTK's iso-surfaces have the opacity of the function at their value: translucent ones would not end a ray.
+            opacities.AddPoint(x, 1.0 if mode == "iso" else a)
         colors.SetColorSpaceToRGB()
         for point in color:
             colors.AddRGBPoint(*point)
@@ -325,6 +326,8 @@ def compare_times(args):
         color = [(stored(x), r, g, b) for x, r, g, b in scan["color"]]
         for label, mode, shaded in (("dvr", "dvr", False), ("dvr shaded", "dvr", True), ("mip", "mip", False),
                                     ("iso", "iso", True)):
+            if label not in args.modes:
+                continue
             scene = VtkScene(outside.stored, outside.affine)
             unit = float(scene.spacing.min())
             # The window and its context are there before the volume's first frame.
@@ -350,7 +353,7 @@ def compare_times(args):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("brickscope", type=Path, metavar="BRICKSCOPE", help="the program")
+    parser.add_argument("brickscope", type=program, metavar="BRICKSCOPE", help="the program")
     parser.add_argument("data", type=Path, metavar="DATA", help="folder with nifti/, nrrd/, labels/")
     parser.add_argument("out", type=Path, metavar="OUT_FOLDER", help="stores and pictures go here")
     parser.add_argument("--device", default="llvmpipe", help="brickscope's --device [default: %(default)s]")
@@ -359,6 +362,8 @@ def main():
     parser.add_argument("--step", type=float, default=STEP, help="of the pictures, in voxels [default: %(default)s]")
     parser.add_argument("--only", default="", metavar="TEXT", help="scans whose name contains this")
     parser.add_argument("--times", type=int, default=0, metavar="N", help="also compare times, N frames each")
+    parser.add_argument("--modes", type=lambda t: t.split(","), default=["dvr", "dvr shaded", "mip", "iso"], metavar="A,B",
+                        help="what is timed: of 'dvr,dvr shaded,mip,iso' [default: all]")
     parser.add_argument("--no-pictures", action="store_true", help="times only")
     parser.add_argument("--ct", type=Path, metavar="FILE", help="another CT (HU) for the times: .nii.gz, .nrrd, …")
     args = parser.parse_args()
