@@ -19,8 +19,7 @@ use super::progress::Progress;
 use super::slab::Slab;
 use super::stats::Binned;
 use crate::geom::{Lod, VoxelBox};
-use crate::outfile::Existing;
-use crate::store::{Conversion, LevelMeta, StoreMeta, StoreWriter};
+use crate::store::{Conversion, Existing, LevelMeta, StoreMeta, StoreWriter};
 use crate::volume::{ReadOrder, Rescale, StoredType, VolumeDesc, VoxelSource};
 
 /// How to brick.

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use glam::{DVec3, U64Vec3, Vec3};
 
-use crate::geom::Lod;
+use crate::geom::{Lod, VoxelBox};
 use crate::scene::{Background, IsoSurface, LodChoice};
 
 /// A number of bytes: `512MiB`, `2GiB`, `4096`.
@@ -73,6 +73,18 @@ pub fn dims(s: &str) -> Result<U64Vec3, String> {
         .and_then(|v| <[u64; 3]>::try_from(v).ok())
         .map(U64Vec3::from_array)
         .ok_or_else(|| format!("'{s}': expected X,Y,Z, three whole numbers of at least 1"))
+}
+
+/// `x0,y0,z0,x1,y1,z1`: a box of whole voxels, the second corner exclusive.
+pub fn voxel_box(s: &str) -> Result<VoxelBox, String> {
+    let parsed: Option<Vec<u64>> = s.split(',').map(|p| p.trim().parse().ok()).collect();
+    parsed
+        .and_then(|v| <[u64; 6]>::try_from(v).ok())
+        .map(|[x0, y0, z0, x1, y1, z1]| VoxelBox::new(U64Vec3::new(x0, y0, z0), U64Vec3::new(x1, y1, z1)))
+        .filter(|b| !b.is_empty())
+        .ok_or_else(|| {
+            format!("'{s}': expected x0,y0,z0,x1,y1,z1, six whole numbers, each of the last three above its first")
+        })
 }
 
 /// `WxH`: a picture's size in pixels, each from 1 to 65536.
@@ -182,6 +194,11 @@ mod tests {
             vec3("1,2").is_err() && vec3("1,2,nan").is_err() && dims("0,1,1").is_err(),
             "refused"
         );
+        let whole = VoxelBox::new(U64Vec3::new(0, 1, 2), U64Vec3::new(3, 4, 5));
+        assert_eq!(voxel_box("0,1,2,3,4,5"), Ok(whole));
+        for bad in ["0,1,2,3,4", "-1,0,0,1,1,1", "0,0,0,1,0,1", "2,0,0,1,1,1"] {
+            assert!(voxel_box(bad).is_err(), "{bad:?} is no box");
+        }
     }
 
     #[test]

@@ -33,8 +33,9 @@ enum Command {
     Brick(cmd::brick::Args),
     Info(cmd::info::Args),
     Verify(cmd::verify::Args),
+    Extract(cmd::extract::Args),
     Presets(cmd::presets::Args),
-    Render(cmd::render::Args),
+    Render(Box<cmd::render::Args>),
     Demo(cmd::demo::Args),
 }
 
@@ -64,6 +65,7 @@ pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
         Command::Brick(args) => cmd::brick::run(args),
         Command::Info(args) => cmd::info::run(args),
         Command::Verify(args) => cmd::verify::run(args),
+        Command::Extract(args) => cmd::extract::run(&args),
         Command::Presets(args) => cmd::presets::run(args),
         Command::Render(args) => cmd::render::run(&args),
         Command::Demo(args) => cmd::demo::run(&args),

@@ -1,8 +1,9 @@
 //! Volumes and pictures out: NIfTI, NRRD, raw and PNG.
 //!
 //! Writers get voxels in z order and stream them; each file appears only when it is complete ([`crate::outfile`]).
-//! No rendering here, and no choice of what is exported.
+//! No rendering here, and no choice of what is exported. [`extract`] streams a store's voxels into such a file.
 
+mod extract;
 mod nifti;
 mod nrrd;
 mod png;
@@ -10,5 +11,6 @@ mod raw;
 mod sink;
 mod writer;
 
+pub use self::extract::{extract, extracted};
 pub use self::png::write_png;
-pub use self::writer::{ExportError, VolumeWriter, create};
+pub use self::writer::{ExportError, VolumeWriter, caveat, create};

@@ -26,15 +26,34 @@ pub(super) fn create(
     existing: Existing,
 ) -> Result<Sink, ExportError> {
     let dims = desc.dims.to_array();
-    let narrow = dims.iter().all(|&n| n <= i16::MAX as u64);
     if dims.iter().any(|&n| n > i64::MAX as u64) {
         return Err(ExportError::DoesNotFit {
             path: path.to_owned(),
             what: format!("NIfTI-2 has no room for {dims:?} voxels"),
         });
     }
-    let header = if narrow { nifti_1(desc) } else { nifti_2(desc) };
+    let header = if is_narrow(desc) {
+        nifti_1(desc)
+    } else {
+        nifti_2(desc)
+    };
     Sink::create(path, desc, existing, &Header::Inside(&header))
+}
+
+/// True when NIfTI-1 has room for the sizes.
+fn is_narrow(desc: &VolumeDesc) -> bool {
+    desc.dims.max_element() <= i16::MAX as u64
+}
+
+/// True when affine or rescale are written as f32 and f32 does not hold them.
+pub(super) fn is_rounded(desc: &VolumeDesc) -> bool {
+    let affine = desc.world_from_index.to_cols_array();
+    let rescale = [desc.rescale.slope, desc.rescale.intercept];
+    is_narrow(desc)
+        && affine
+            .iter()
+            .chain(&rescale)
+            .any(|&v| f64::from(v as f32) != v)
 }
 
 const fn datatype(voxel_type: VoxelType) -> i16 {

@@ -3,11 +3,14 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use glam::{DAffine3, U64Vec3};
 use thiserror::Error;
 
 use super::{nifti, nrrd, raw};
+use crate::geom::VoxelBox;
 use crate::outfile::{Existing, OutFileError};
-use crate::volume::VolumeDesc;
+use crate::store::StoreError;
+use crate::volume::{Rescale, VolumeDesc};
 
 /// Why a volume or a picture can't be written.
 #[derive(Debug, Error)]
@@ -15,6 +18,35 @@ pub enum ExportError {
     /// The file can't be made or given its name.
     #[error(transparent)]
     File(#[from] OutFileError),
+    /// The store can't be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A level that the store does not have.
+    #[error("{}: there is no level {asked}; the levels are 0 to {last}", store.display())]
+    NoSuchLevel {
+        /// The store.
+        store: PathBuf,
+        /// What was asked for.
+        asked: u8,
+        /// The coarsest level.
+        last: usize,
+    },
+    /// A box that holds nothing or reaches beyond its level.
+    #[error(
+        "{}: the box from {} to {} is empty or not inside level {lod}, which is {dims} voxels; the first corner is the \
+         first voxel inside, the second the first one outside",
+        store.display(), asked.min, asked.max
+    )]
+    BoxOutside {
+        /// The store.
+        store: PathBuf,
+        /// What was asked for.
+        asked: VoxelBox,
+        /// Of which level.
+        lod: u8,
+        /// Voxels of that level.
+        dims: U64Vec3,
+    },
     /// Writing failed.
     #[error("{}: cannot write: {error}", path.display())]
     Write {
@@ -61,6 +93,46 @@ pub trait VolumeWriter {
     fn finish(self: Box<Self>) -> Result<(), ExportError>;
 }
 
+/// A format, by the end of the file's name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Nifti,
+    Nrrd,
+    Raw,
+}
+
+impl Format {
+    fn of(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
+        [
+            (".nii.gz", Self::Nifti),
+            (".nrrd", Self::Nrrd),
+            (".raw", Self::Raw),
+        ]
+        .into_iter()
+        .find_map(|(end, format)| name.ends_with(end).then_some(format))
+    }
+}
+
+/// What a file of that name does not keep of a volume as it is; `None` when it keeps everything but the unit.
+pub fn caveat(path: &Path, desc: &VolumeDesc) -> Option<&'static str> {
+    let rescaled = desc.rescale != Rescale::IDENTITY;
+    match Format::of(path)? {
+        Format::Nifti => nifti::is_rounded(desc).then_some(
+            "NIfTI-1 keeps affine and rescale as f32, so they are rounded; .nrrd keeps them exactly",
+        ),
+        Format::Nrrd => rescaled.then_some(
+            "NRRD has no slope and intercept, so physical values are written, as double; .nii.gz keeps both apart",
+        ),
+        Format::Raw => {
+            let plain = DAffine3::from_scale(desc.spacing());
+            (rescaled || desc.world_from_index != plain).then_some(
+                "a .raw file keeps neither affine nor rescale; .nii.gz and .nrrd keep the place",
+            )
+        }
+    }
+}
+
 /// Starts writing the volume that `desc` describes to `path`; the name (`.nii.gz`, `.nrrd` or `.raw`) says the format.
 ///
 /// NIfTI keeps voxels, type, rescale and affine (the latter two as f32 up to 32767 voxels per axis). NRRD has no rescale: where there is one, physical values are written as
@@ -73,19 +145,11 @@ pub fn create(
     desc: &VolumeDesc,
     existing: Existing,
 ) -> Result<Box<dyn VolumeWriter>, ExportError> {
-    let name = path
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .to_ascii_lowercase();
-    if name.ends_with(".nii.gz") {
-        Ok(Box::new(nifti::create(path, desc, existing)?))
-    } else if name.ends_with(".nrrd") {
-        Ok(Box::new(nrrd::create(path, desc, existing)?))
-    } else if name.ends_with(".raw") {
-        Ok(Box::new(raw::create(path, desc, existing)?))
-    } else {
-        Err(ExportError::UnknownFormat(path.to_owned()))
+    match Format::of(path) {
+        Some(Format::Nifti) => Ok(Box::new(nifti::create(path, desc, existing)?)),
+        Some(Format::Nrrd) => Ok(Box::new(nrrd::create(path, desc, existing)?)),
+        Some(Format::Raw) => Ok(Box::new(raw::create(path, desc, existing)?)),
+        None => Err(ExportError::UnknownFormat(path.to_owned())),
     }
 }
 

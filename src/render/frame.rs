@@ -8,6 +8,7 @@ use crate::gpu::layout::{FLAG_SKIP, FrameUniforms};
 use crate::geom::BLOCK_EDGE;
 use crate::scene::{Classified, PictureSettings, RayFrame, Technique};
 
+use super::bindings;
 use super::residency::Residency;
 
 /// Margin of the depth buffers around a tile, pixels: the caster looks at 3×3.
@@ -55,18 +56,9 @@ impl FrameBindings {
         };
         let uniforms = buffer("frame.uniforms", size_of::<FrameUniforms>(), wgpu::BufferUsages::UNIFORM);
         let lut = buffer("frame.lut", lut_entries * 16, wgpu::BufferUsages::STORAGE);
-        let entry = |binding, ty, visibility| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility,
-            ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
-            count: None,
-        };
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame.layout"),
-            entries: &[
-                entry(0, wgpu::BufferBindingType::Uniform, wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE),
-                entry(1, wgpu::BufferBindingType::Storage { read_only: true }, wgpu::ShaderStages::COMPUTE),
-            ],
+            entries: bindings::FRAME,
         });
         let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame.group"),

@@ -4,6 +4,7 @@
 //! in `shaders/`; this module gives them their data. Keeps invariants 1 and 4 of design.md together with `scene` and
 //! `pager`: what must be equal to the bit is switched by uniforms in one pipeline.
 
+pub mod bindings;
 mod frame;
 mod offscreen;
 mod passes;

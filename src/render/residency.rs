@@ -10,6 +10,8 @@ use crate::gpu::{Caps, GpuContext, GpuError, Staging};
 use crate::pager::{ActiveBricks, AtlasShape, LevelScan, PageTablePatch, SlotId, Upload};
 use crate::volume::StoredType;
 
+use super::bindings;
+
 /// How values between voxels are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SampleFilter {
@@ -147,7 +149,14 @@ impl Residency {
             let constants = buffer("residency.constants", bricks * 4);
             let activity = buffer("residency.activity", bricks.div_ceil(16) * 4);
             let occupancy = buffer("residency.occupancy", shape.slot_count() * 64);
-            let layout = layout(device, format.kind);
+            let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some("residency.layout"),
+                entries: match format.kind {
+                    AtlasKind::Filtered => bindings::VOLUME_FILTERED,
+                    AtlasKind::Float => bindings::VOLUME_FLOAT,
+                    AtlasKind::Uint => bindings::VOLUME_UINT,
+                },
+            });
             let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("residency.sampler"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -374,42 +383,3 @@ impl Residency {
 
 /// Rows of texture copies are padded to this by the API.
 const ROW_PITCH: usize = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize;
-
-/// The layout of bind group 1 for a kind of atlas.
-pub(super) fn layout(device: &wgpu::Device, kind: AtlasKind) -> wgpu::BindGroupLayout {
-    let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty,
-        count: None,
-    };
-    let texture = |sample_type| wgpu::BindingType::Texture {
-        sample_type,
-        view_dimension: wgpu::TextureViewDimension::D3,
-        multisampled: false,
-    };
-    let storage = wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Storage { read_only: true },
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    };
-    let atlas = match kind {
-        AtlasKind::Filtered => wgpu::TextureSampleType::Float { filterable: true },
-        AtlasKind::Float => wgpu::TextureSampleType::Float { filterable: false },
-        AtlasKind::Uint => wgpu::TextureSampleType::Uint,
-    };
-    let mut entries = vec![
-        entry(0, texture(atlas)),
-        entry(2, texture(wgpu::TextureSampleType::Uint)),
-        entry(3, storage),
-        entry(4, storage),
-        entry(5, storage),
-    ];
-    if kind == AtlasKind::Filtered {
-        entries.push(entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)));
-    }
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("residency.layout"),
-        entries: &entries,
-    })
-}

@@ -111,7 +111,7 @@ impl RayFrame {
         let first_index = ((center_mm - bounds.radius) / step_mm).floor().max(0.0);
         let first_mm = first_index * step_mm;
         let last_index = ((center_mm + bounds.radius) / step_mm).ceil() - first_index;
-        if !(last_index.abs() < f64::from(1_u32 << 30)) {
+        if last_index.is_nan() || last_index.abs() >= f64::from(1_u32 << 30) {
             return Err(SceneError::TooManySamples { samples: last_index, step_mm });
         }
 

@@ -35,3 +35,5 @@ pub use meta::{Conversion, Histogram, LevelMeta, Percentiles, StoreMeta};
 pub use reader::{BrickData, BrickReader, Level, Store};
 pub use voxel::Voxel;
 pub use writer::StoreWriter;
+
+pub use crate::outfile::Existing;

@@ -47,18 +47,21 @@ pub fn run(_args: &Args) -> anyhow::Result<ExitCode> {
     let options = BrickOptions { existing: Existing::Replace, ..BrickOptions::default() };
     bricking::brick(source.as_mut(), &store, &options, &NoProgress)?;
     let mut engine = Engine::open(&store, EngineOptions::default())?;
-    let mut err = io::stderr();
+    // When standard error is gone there is nobody to tell, but the pictures are wanted all the same.
+    let tell = |line: String| {
+        let _ = writeln!(io::stderr(), "{line}");
+    };
     if let Some(why) = engine.fallback() {
-        writeln!(err, "brickscope: drawing on the CPU: {why}")?;
+        tell(format!("brickscope: drawing on the CPU: {why}"));
     }
-    writeln!(err, "device: {}", engine.device_name())?;
+    tell(format!("device: {}", engine.device_name()));
     for (name, settings) in pictures(engine.meta())? {
         let path: PathBuf = folder.join(name);
         let picture = engine.render(&settings)?;
         write_picture(&path, &picture, settings.background)?;
         writeln!(io::stdout(), "{}", path.display())?;
     }
-    writeln!(err, "{:.1} seconds", begin.elapsed().as_secs_f64())?;
+    tell(format!("{:.1} seconds", begin.elapsed().as_secs_f64()));
     Ok(ExitCode::SUCCESS)
 }
 

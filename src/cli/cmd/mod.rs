@@ -2,6 +2,7 @@
 
 pub mod brick;
 pub mod demo;
+pub mod extract;
 pub mod info;
 pub mod presets;
 mod progress;

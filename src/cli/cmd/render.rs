@@ -52,7 +52,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let picture = engine.render(&settings)?;
     notes.extend(picture.notes.iter().cloned());
     for note in notes {
-        writeln!(io::stderr(), "brickscope: {note}")?;
+        // Standard error is gone: nobody to tell, but the picture is wanted all the same.
+        let _ = writeln!(io::stderr(), "brickscope: {note}");
     }
     write_picture(&args.output, &picture, args.picture.background())?;
     if let Some(path) = &args.stats {

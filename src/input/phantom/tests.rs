@@ -58,7 +58,7 @@ fn any_box_is_a_part_of_the_whole() {
         let part = VoxelBox::new(U64Vec3::from_array(min), U64Vec3::from_array(max));
         let mut out = vec![0; part.voxel_count().unwrap() as usize * 2];
         phantom.read_box(part, &mut out).unwrap();
-        let mut expected = Vec::new();
+        let mut expected: Vec<u8> = Vec::new();
         for z in min[2]..max[2] {
             for y in min[1]..max[1] {
                 let at = |x: u64| (((z * 38 + y) * 41 + x) * 2) as usize;

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::BoundsTargets;
 use crate::gpu::{GpuContext, GpuError, shader};
+use crate::render::bindings;
 use crate::render::frame::FrameBindings;
 use crate::render::residency::{AtlasKind, Residency};
 use crate::camera::Projection;
@@ -56,25 +57,9 @@ pub(in crate::render) struct RaycastTargets {
 
 impl RaycastPass {
     pub(in crate::render) fn new(gpu: &GpuContext) -> Self {
-        let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty,
-            count: None,
-        };
-        let depth = wgpu::BindingType::Texture {
-            sample_type: wgpu::TextureSampleType::Depth,
-            view_dimension: wgpu::TextureViewDimension::D2,
-            multisampled: false,
-        };
-        let storage = wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only: false },
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        };
         let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("raycast.layout"),
-            entries: &[entry(0, depth), entry(1, depth), entry(2, depth), entry(3, storage), entry(4, storage)],
+            entries: bindings::RAYCAST,
         });
         Self { layout, pipelines: HashMap::new() }
     }

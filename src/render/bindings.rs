@@ -1,0 +1,112 @@
+//! What each shader binds, as data. Bind group layouts are built from these tables, and `tests/shaders.rs` compares them
+//! with the declarations in WGSL.
+
+use wgpu::{
+    BindGroupLayoutEntry, BindingType, BufferBindingType, SamplerBindingType, ShaderStages,
+    TextureSampleType, TextureViewDimension,
+};
+
+use crate::gpu::shader::{self, ShaderSource};
+
+/// The entries of one bind group's layout.
+pub type Entries = &'static [BindGroupLayoutEntry];
+
+const fn entry(binding: u32, visibility: ShaderStages, ty: BindingType) -> BindGroupLayoutEntry {
+    BindGroupLayoutEntry {
+        binding,
+        visibility,
+        ty,
+        count: None,
+    }
+}
+
+const fn compute(binding: u32, ty: BindingType) -> BindGroupLayoutEntry {
+    entry(binding, ShaderStages::COMPUTE, ty)
+}
+
+const fn buffer(ty: BufferBindingType) -> BindingType {
+    BindingType::Buffer {
+        ty,
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    }
+}
+
+const fn texture(
+    sample_type: TextureSampleType,
+    view_dimension: TextureViewDimension,
+) -> BindingType {
+    BindingType::Texture {
+        sample_type,
+        view_dimension,
+        multisampled: false,
+    }
+}
+
+const fn volume(sample_type: TextureSampleType) -> BindingType {
+    texture(sample_type, TextureViewDimension::D3)
+}
+
+const READ: BindingType = buffer(BufferBindingType::Storage { read_only: true });
+const WRITE: BindingType = buffer(BufferBindingType::Storage { read_only: false });
+const DEPTH: BindingType = texture(TextureSampleType::Depth, TextureViewDimension::D2);
+
+const PAGE_TABLE: BindGroupLayoutEntry = compute(2, volume(TextureSampleType::Uint));
+const CONSTANTS: BindGroupLayoutEntry = compute(3, READ);
+const ACTIVITY: BindGroupLayoutEntry = compute(4, READ);
+const OCCUPANCY: BindGroupLayoutEntry = compute(5, READ);
+
+/// Group 0: `bind/frame.wgsl`.
+pub const FRAME: Entries = &[
+    entry(
+        0,
+        ShaderStages::VERTEX_FRAGMENT.union(ShaderStages::COMPUTE),
+        buffer(BufferBindingType::Uniform),
+    ),
+    compute(1, READ),
+];
+
+/// Group 1: `bind/volume.wgsl` with `bind/atlas_filtered.wgsl`.
+pub const VOLUME_FILTERED: Entries = &[
+    compute(0, volume(TextureSampleType::Float { filterable: true })),
+    compute(1, BindingType::Sampler(SamplerBindingType::Filtering)),
+    PAGE_TABLE,
+    CONSTANTS,
+    ACTIVITY,
+    OCCUPANCY,
+];
+
+/// Group 1: `bind/volume.wgsl` with `bind/atlas_float.wgsl`.
+pub const VOLUME_FLOAT: Entries = &[
+    compute(0, volume(TextureSampleType::Float { filterable: false })),
+    PAGE_TABLE,
+    CONSTANTS,
+    ACTIVITY,
+    OCCUPANCY,
+];
+
+/// Group 1: `bind/volume.wgsl` with `bind/atlas_uint.wgsl`.
+pub const VOLUME_UINT: Entries = &[
+    compute(0, volume(TextureSampleType::Uint)),
+    PAGE_TABLE,
+    CONSTANTS,
+    ACTIVITY,
+    OCCUPANCY,
+];
+
+/// Group 2 of the caster: `pass/raycast.wgsl`.
+pub const RAYCAST: Entries = &[
+    compute(0, DEPTH),
+    compute(1, DEPTH),
+    compute(2, DEPTH),
+    compute(3, WRITE),
+    compute(4, WRITE),
+];
+
+/// Every shader with its groups, in order.
+pub const SHADERS: &[(ShaderSource, &[Entries])] = &[
+    (shader::BOUNDS, &[FRAME]),
+    (shader::RAYCAST_FILTERED, &[FRAME, VOLUME_FILTERED, RAYCAST]),
+    (shader::RAYCAST_FLOAT, &[FRAME, VOLUME_FLOAT, RAYCAST]),
+    (shader::RAYCAST_UINT, &[FRAME, VOLUME_UINT, RAYCAST]),
+];

@@ -1,0 +1,229 @@
+//! Every command once as a user would use it: output, files, exit code.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::run::{Folder, read_png};
+
+#[test]
+fn brick_prints_its_figures_and_verify_finds_them_sound() {
+    let folder = Folder::new();
+    let run = folder
+        .run(&["brick", "phantom:body:70,40,50", "-o", "body.bsk"])
+        .expect(0);
+    let value = |name: &str| -> String {
+        let line = run
+            .stdout
+            .lines()
+            .find_map(|l| l.strip_prefix(&format!("{name}:")));
+        line.unwrap_or_else(|| panic!("no line {name:?} in {}", run.stdout))
+            .trim()
+            .to_owned()
+    };
+    assert_eq!(value("voxels"), "140000", "voxels");
+    assert_eq!(value("bytes in"), "140000", "bytes in");
+    let bytes = fs::metadata(folder.file("body.bsk"))
+        .expect("the store")
+        .len();
+    assert_eq!(value("bytes out"), bytes.to_string(), "bytes out");
+    assert!(value("kept bricks").parse::<u64>().is_ok(), "kept bricks");
+    // 3 × 2 × 2 bricks, 2 × 1 × 1, 1.
+    assert_eq!(value("bricks"), "15", "bricks of all levels");
+    assert!(
+        value("seconds").parse::<f64>().is_ok() && value("MB/s").parse::<f64>().is_ok(),
+        "{}",
+        run.stdout
+    );
+    assert_eq!(folder.names(), ["body.bsk"], "nothing else is left");
+    let verify = folder.run(&["verify", "body.bsk"]).expect(0);
+    assert!(verify.stdout.contains("sound"), "{}", verify.stdout);
+}
+
+#[test]
+fn info_says_the_same_as_text_and_as_json() {
+    let folder = Folder::new();
+    let store = folder.brick("phantom:body:40,40,40:u16", "body.bsk");
+    let text = folder.run(&["info", store]).expect(0).stdout;
+    for wanted in [
+        "40 × 40 × 40",
+        "u16",
+        "1 × 1 × 1 mm",
+        "phantom:body:40,40,40:u16",
+        "level 1",
+    ] {
+        assert!(text.contains(wanted), "{wanted:?} in {text}");
+    }
+    let json = folder.run(&["info", store, "--json"]).expect(0).stdout;
+    assert_eq!(
+        json.trim_end().lines().count(),
+        1,
+        "one JSON object on one line: {json}"
+    );
+    let json: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(json["dims"], serde_json::json!([40, 40, 40]), "dims");
+    assert_eq!(json["voxel_type"], "u16", "type");
+    assert_eq!(
+        json["spacing"],
+        serde_json::json!([1.0, 1.0, 1.0]),
+        "spacing"
+    );
+    let bytes = fs::metadata(folder.file(store)).expect("the store").len();
+    assert_eq!(json["file_bytes"], bytes, "file_bytes");
+    let keys = [
+        "affine",
+        "value_range",
+        "levels",
+        "bricks",
+        "empty_share",
+        "compressed_bytes",
+        "percentiles",
+        "source",
+    ];
+    for key in keys {
+        assert!(!json[key].is_null(), "{key} in {json}");
+    }
+}
+
+#[test]
+fn presets_are_listed_and_render_takes_them() {
+    let folder = Folder::new();
+    let text = folder.run(&["presets"]).expect(0).stdout;
+    let json: Value =
+        serde_json::from_str(&folder.run(&["presets", "--json"]).expect(0).stdout).expect("JSON");
+    let names: Vec<&str> = json["presets"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(|p| p["name"].as_str())
+        .collect();
+    let listed: Vec<&str> = text
+        .lines()
+        .filter_map(|l| l.split_whitespace().next())
+        .collect();
+    assert!(names.len() > 3, "{names:?}");
+    assert_eq!(names, listed, "the same names in both");
+    let store = folder.brick("phantom:sponge:32,32,32", "s.bsk");
+    for name in names {
+        folder
+            .run(&[
+                "render", store, "-o", "p.png", "--size", "4x4", "--device", "cpu", "--tf", name,
+            ])
+            .expect(0);
+    }
+}
+
+#[test]
+fn render_writes_picture_and_statistics() {
+    let folder = Folder::new();
+    let store = folder.brick("phantom:body:48,48,48:u16", "body.bsk");
+    let base = [
+        "render", store, "-o", "p.png", "--size", "24x16", "--device", "cpu",
+    ];
+    for mode in [
+        &["--mode", "dvr"][..],
+        &["--mode", "mip"],
+        &["--mode", "iso", "--iso", "1500"],
+    ] {
+        let args = [&base[..], mode, &["--stats", "s.json"]].concat();
+        let run = folder.run(&args).expect(0);
+        assert_eq!(run.stdout, "", "{mode:?}: nothing on standard output");
+        let (width, height, pixels) = read_png(&folder.file("p.png"));
+        assert_eq!([width, height], [24, 16], "{mode:?}: size");
+        assert!(
+            pixels.iter().any(|&p| p > 40),
+            "{mode:?}: something is seen"
+        );
+        let stats = fs::read_to_string(folder.file("s.json")).expect("statistics");
+        let stats: Value = serde_json::from_str(&stats).expect("JSON");
+        assert_eq!(stats["device"], "cpu", "{mode:?}");
+        assert_eq!(stats["rays"], 24 * 16, "{mode:?}");
+        assert_eq!(stats["converged"], true, "{mode:?}");
+        fs::remove_file(folder.file("p.png")).expect("the picture");
+    }
+}
+
+/// Both devices draw the same picture. Needs an adapter; Mesa's software one will do.
+#[cfg(feature = "gpu")]
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS=1")]
+fn the_gpu_draws_what_the_cpu_draws() {
+    let folder = Folder::new();
+    let store = folder.brick("phantom:body:48,48,48:u16", "body.bsk");
+    let draw = |device: &str| {
+        let args = [
+            "render", store, "-o", "p.png", "--size", "24x16", "--stats", "s.json", "--device",
+            device,
+        ];
+        folder.run(&args).expect(0);
+        let stats = fs::read_to_string(folder.file("s.json")).expect("statistics");
+        let stats: Value = serde_json::from_str(&stats).expect("JSON");
+        (
+            stats["device"].as_str().map(str::to_owned),
+            read_png(&folder.file("p.png")).2,
+        )
+    };
+    let (gpu, gpu_pixels) = draw("auto");
+    let (cpu, cpu_pixels) = draw("cpu");
+    assert_eq!(
+        [gpu.as_deref(), cpu.as_deref()],
+        [Some("gpu"), Some("cpu")],
+        "auto is the GPU"
+    );
+    let worst = gpu_pixels
+        .iter()
+        .zip(&cpu_pixels)
+        .map(|(a, b)| a.abs_diff(*b))
+        .max();
+    // 1e-4 of f32 may round to the next of 255 steps.
+    assert!(worst <= Some(1), "pixels differ by up to {worst:?} of 255");
+}
+
+/// The keys of cli.md's `--stats`, null where not applicable.
+#[test]
+fn statistics_have_every_key_of_the_contract() {
+    const KEYS: &str = "device adapter driver version wall_ms first_complete_ms converged_ms converged passes_ms rays samples \
+        samples_skipped bricks_visible bricks_requested bricks_read bricks_uploaded bricks_evicted bricks_touched \
+        bytes_read bytes_decompressed bytes_uploaded atlas_slots atlas_bytes gpu_bytes mesh_triangles";
+    let folder = Folder::new();
+    let store = folder.brick("phantom:sponge:32,32,32", "s.bsk");
+    folder
+        .run(&[
+            "render", store, "-o", "p.png", "--size", "4x4", "--device", "cpu", "--stats", "s.json",
+        ])
+        .expect(0);
+    let stats = fs::read_to_string(folder.file("s.json")).expect("statistics");
+    let stats: Value = serde_json::from_str(&stats).expect("JSON");
+    let missing: Vec<&str> = KEYS
+        .split_whitespace()
+        .filter(|k| stats.get(k).is_none())
+        .collect();
+    assert!(missing.is_empty(), "missing keys: {missing:?} in {stats}");
+}
+
+/// Also: a standard error that nobody reads stops nothing.
+#[test]
+fn demo_makes_three_pictures_and_prints_only_their_paths() {
+    let folder = Folder::new();
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let output = folder
+        .command(&["demo"])
+        .stderr(writer)
+        .output()
+        .expect("the binary starts");
+    let stdout = String::from_utf8(output.stdout).expect("text");
+    assert_eq!(output.status.code(), Some(0), "exit code; stdout: {stdout}");
+    let lines: Vec<&str> = stdout.lines().collect();
+    assert_eq!(lines.len(), 3, "three lines: {stdout}");
+    for line in lines {
+        assert!(
+            line.starts_with("brickscope-demo/"),
+            "a path alone: {line:?}"
+        );
+        let (width, height, pixels) = read_png(&folder.file(line));
+        assert!(width > 100 && height > 100, "{line}: {width} × {height}");
+        let seen = pixels.iter().filter(|&&p| p > 40).count();
+        assert!(seen > pixels.len() / 20, "{line}: something is seen");
+    }
+}

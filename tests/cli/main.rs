@@ -1,0 +1,11 @@
+//! The command line through the real binary: what cli.md promises to users and scripts.
+
+mod bad_inputs;
+mod commands;
+mod contract;
+#[path = "../support/data.rs"]
+mod data;
+mod extract;
+#[cfg(unix)]
+mod interrupted;
+mod run;
