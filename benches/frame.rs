@@ -27,8 +27,8 @@ mod gpu {
     use brickscope::classify::grey_ramp;
     use brickscope::engine::{DeviceChoice, Engine, EngineOptions, SampleFilter};
     use brickscope::scene::{
-        Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, PictureStats, Shading,
-        ShadingModel, Technique, default_window, volume_bounds,
+        Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
+        PictureStats, Shading, ShadingModel, Technique, default_window, volume_bounds,
     };
     use glam::Vec3;
 
@@ -66,7 +66,9 @@ mod gpu {
             }
         }
         if out.store.as_os_str().is_empty() {
-            return Err("expected a store; make one with 'brickscope brick INPUT -o OUT.bsk'".into());
+            return Err(
+                "expected a store; make one with 'brickscope brick INPUT -o OUT.bsk'".into(),
+            );
         }
         Ok(out)
     }
@@ -76,7 +78,13 @@ mod gpu {
         let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
         // Fields 14 and 15, counted behind the parenthesised name; in ticks of 10 ms.
         let after_name = stat.rsplit(')').next().unwrap_or_default();
-        after_name.split_whitespace().skip(11).take(2).filter_map(|f| f.parse::<f64>().ok()).sum::<f64>() * 10.0
+        after_name
+            .split_whitespace()
+            .skip(11)
+            .take(2)
+            .filter_map(|f| f.parse::<f64>().ok())
+            .sum::<f64>()
+            * 10.0
     }
 
     #[derive(Default)]
@@ -90,24 +98,49 @@ mod gpu {
 
     pub(super) fn main() -> Result<(), Box<dyn Error>> {
         let args = args()?;
-        let options = EngineOptions { device: DeviceChoice::SoftwareGpu, filter: args.filter, ..EngineOptions::default() };
+        let options = EngineOptions {
+            device: DeviceChoice::SoftwareGpu,
+            filter: args.filter,
+            ..EngineOptions::default()
+        };
         let mut engine = Engine::open(&args.store, options)?;
-        println!("{}, {}, {}², step {}", engine.device_name(), args.store.display(), args.size, args.step);
+        println!(
+            "{}, {}, {}², step {}",
+            engine.device_name(),
+            args.store.display(),
+            args.size,
+            args.step
+        );
         println!(
             "{:>6} {:>6} {:>8} | {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} | ratio (CPU)",
-            "mode", "shaded", "tech", "cpu ms", "wall ms", "raycast", "bounds", "Msamples", "triangles"
+            "mode",
+            "shaded",
+            "tech",
+            "cpu ms",
+            "wall ms",
+            "raycast",
+            "bounds",
+            "Msamples",
+            "triangles"
         );
         let meta = engine.meta();
         let [low, high] = default_window(meta);
         let iso = args.iso.unwrap_or(0.5 * (low + high));
         let bounds = volume_bounds(meta.dims, &meta.world_from_index);
-        for (name, mode, shaded) in
-            [("dvr", Mode::Dvr, false), ("dvr", Mode::Dvr, true), ("iso", Mode::Iso, true), ("mip", Mode::Mip, false)]
-        {
+        for (name, mode, shaded) in [
+            ("dvr", Mode::Dvr, false),
+            ("dvr", Mode::Dvr, true),
+            ("iso", Mode::Iso, true),
+            ("mip", Mode::Mip, false),
+        ] {
             if args.mode.as_deref().is_some_and(|m| m != name) {
                 continue;
             }
-            let model = if shaded { ShadingModel::Phong } else { ShadingModel::None };
+            let model = if shaded {
+                ShadingModel::Phong
+            } else {
+                ShadingModel::None
+            };
             let settings = |technique, azimuth| -> Result<PictureSettings, Box<dyn Error>> {
                 Ok(PictureSettings {
                     size: [args.size; 2],
@@ -116,9 +149,15 @@ mod gpu {
                     classification: Classification {
                         transfer: grey_ramp(low, high, 0.5)?,
                         opacity_unit_mm: None,
-                        iso: Some(IsoSurface { value: iso, color: IsoSurface::DEFAULT_COLOR }),
+                        iso: Some(IsoSurface {
+                            value: iso,
+                            color: IsoSurface::DEFAULT_COLOR,
+                        }),
                     },
-                    shading: Shading { model, ..Shading::default() },
+                    shading: Shading {
+                        model,
+                        ..Shading::default()
+                    },
                     step: args.step,
                     interpolation: Interpolation::Linear,
                     refine: true,
@@ -136,13 +175,18 @@ mod gpu {
             }
             for frame in 0..args.frames {
                 for (technique, cost) in techniques.into_iter().zip(&mut costs) {
-                    let settings = settings(technique, 360.0 * f64::from(frame) / f64::from(args.frames))?;
+                    let settings =
+                        settings(technique, 360.0 * f64::from(frame) / f64::from(args.frames))?;
                     let (cpu, wall) = (cpu_ms(), Instant::now());
                     let picture = engine.render(&settings)?;
                     cost.cpu_ms += cpu_ms() - cpu;
                     cost.wall_ms += wall.elapsed().as_secs_f64() * 1e3;
                     for (pass, ms) in picture.stats.passes_ms.iter().flatten() {
-                        *(if pass == "raycast" { &mut cost.raycast_ms } else { &mut cost.bounds_ms }) += ms;
+                        *(if pass == "raycast" {
+                            &mut cost.raycast_ms
+                        } else {
+                            &mut cost.bounds_ms
+                        }) += ms;
                     }
                     cost.last = picture.stats;
                 }

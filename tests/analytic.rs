@@ -1,5 +1,6 @@
 //! Tier 2: volumes whose pictures are known by pencil, on both renderers. Each bound is derived where it stands.
 #![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used, reason = "a test that can't go on has failed")]
 
 #[path = "support/compare.rs"]
 #[allow(dead_code, reason = "shared with the other tests of pictures")]
@@ -12,7 +13,9 @@ mod memory_source;
 mod scenes;
 
 use brickscope::camera::{Camera, Projection};
-use brickscope::classify::{ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction};
+use brickscope::classify::{
+    ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction,
+};
 use brickscope::scene::{Image, Mode, PictureSettings, volume_bounds};
 use brickscope::volume::{Rescale, VoxelType};
 use compare::coverage;
@@ -22,7 +25,10 @@ use scenes::{TestStore, drawn, field, reference, settings, store_of};
 
 /// The picture of both renderers, by name.
 fn both(store: &TestStore, settings: &PictureSettings) -> [(&'static str, Image); 2] {
-    [("GPU", drawn(store, settings).image), ("reference", reference(store, settings).image)]
+    [
+        ("GPU", drawn(store, settings).image),
+        ("reference", reference(store, settings).image),
+    ]
 }
 
 /// Physical values are stored ones.
@@ -35,7 +41,14 @@ fn plain(mut source: MemorySource) -> TestStore {
 fn constant_opacity(a: f64) -> TransferFunction {
     TransferFunction {
         name: "constant".into(),
-        color: ColorCurve::new(vec![ColorPoint { x: 0.0, rgb: [1.0; 3] }], ColorSpace::Rgb).unwrap(),
+        color: ColorCurve::new(
+            vec![ColorPoint {
+                x: 0.0,
+                rgb: [1.0; 3],
+            }],
+            ColorSpace::Rgb,
+        )
+        .unwrap(),
         opacity: OpacityCurve::new(vec![OpacityPoint::linear(0.0, a)]).unwrap(),
     }
 }
@@ -109,7 +122,11 @@ fn a_sphere_has_the_silhouette_and_the_normals_of_a_sphere() {
             // A headlight on a sphere: n·l = √(1 − r²/R²). Interpolated normals are off by about a hundredth.
             if r < 0.9 * radius {
                 let expected = (1.0 - (r / radius).powi(2)).sqrt();
-                assert!((f64::from(pixel.x) - expected).abs() < 0.02, "{name}: pixel {i}: {} not {expected}", pixel.x);
+                assert!(
+                    (f64::from(pixel.x) - expected).abs() < 0.02,
+                    "{name}: pixel {i}: {} not {expected}",
+                    pixel.x
+                );
             }
         }
     }
@@ -126,15 +143,28 @@ fn a_linear_ramp_has_one_exact_gradient() {
     s.classification.iso.as_mut().unwrap().color = glam::Vec3::ONE;
     s.shading.specular = 0.0;
     (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
-    let center = volume_bounds(store.store.meta().dims, &store.store.meta().world_from_index).center;
+    let center = volume_bounds(
+        store.store.meta().dims,
+        &store.store.meta().world_from_index,
+    )
+    .center;
     let angle = 30_f64.to_radians();
     s.camera = ortho(center, 30.0);
-    s.camera.eye = center + DVec3::new(angle.cos(), angle.sin(), 0.0) * s.camera.eye.distance(center);
+    s.camera.eye =
+        center + DVec3::new(angle.cos(), angle.sin(), 0.0) * s.camera.eye.distance(center);
     for (name, image) in both(&store, &s) {
         let hits: Vec<Vec4> = image.pixels.iter().copied().filter(|p| p.w > 0.0).collect();
-        assert!(hits.len() > 8000, "{name}: the plane fills the picture: {}", hits.len());
+        assert!(
+            hits.len() > 8000,
+            "{name}: the plane fills the picture: {}",
+            hits.len()
+        );
         for hit in hits {
-            assert!((f64::from(hit.x) - angle.cos()).abs() < 2e-5, "{name}: {} is not cos 30°", hit.x);
+            assert!(
+                (f64::from(hit.x) - angle.cos()).abs() < 2e-5,
+                "{name}: {} is not cos 30°",
+                hit.x
+            );
         }
     }
 }
@@ -145,7 +175,11 @@ fn the_maximum_of_one_bright_voxel_is_that_voxel() {
     // Trilinear: the bright voxel's tent reaches one voxel to each side of its centre. It lies at a brick's corner.
     let bright = DVec3::new(32.0, 31.0, 32.0);
     let store = plain(field([64; 3], VoxelType::U8, |p| {
-        if (p * 64.0).floor() == bright { 1.0 } else { 0.0 }
+        if (p * 64.0).floor() == bright {
+            1.0
+        } else {
+            0.0
+        }
     }));
     let mut s = settings(&store.store, Mode::Mip);
     s.classification.transfer = brickscope::classify::grey_ramp(0.0, 255.0, 1.0).unwrap();
@@ -179,10 +213,17 @@ fn one_voxel_axes_are_one_voxel_thick() {
     s.step = 0.1;
     for (name, image) in both(&store, &s) {
         // 23 of 30 mm of the picture, each way.
-        assert!((coverage(&image) - (23.0_f64 / 30.0).powi(2)).abs() < 0.02, "{name}: {}", coverage(&image));
+        assert!(
+            (coverage(&image) - (23.0_f64 / 30.0).powi(2)).abs() < 0.02,
+            "{name}: {}",
+            coverage(&image)
+        );
         // 1 mm at 50 % per mm, within one sample of 0.1 mm.
         let alpha = f64::from(image.pixels[64 * 128 + 64].w);
         let of = |mm: f64| 1.0 - 0.5_f64.powf(mm);
-        assert!(alpha > of(0.9) - 1e-4 && alpha < of(1.1) + 1e-4, "{name}: {alpha}");
+        assert!(
+            alpha > of(0.9) - 1e-4 && alpha < of(1.1) + 1e-4,
+            "{name}: {alpha}"
+        );
     }
 }

@@ -22,8 +22,10 @@ use scenes::{TestStore, drawn, reference, settings, store_of};
 
 /// The folder of the scans.
 fn data() -> PathBuf {
-    std::env::var_os("BRICKSCOPE_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
+    std::env::var_os("BRICKSCOPE_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    )
 }
 
 /// The files below `folder` (of the data) whose names end in one of `endings`, sorted.
@@ -39,7 +41,8 @@ fn files(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
 }
 
 fn bricked(path: &Path) -> TestStore {
-    let mut source = brickscope::input::open(&path.to_string_lossy(), None).unwrap_or_else(|e| panic!("{e}"));
+    let mut source =
+        brickscope::input::open(&path.to_string_lossy(), None).unwrap_or_else(|e| panic!("{e}"));
     store_of(source.as_mut())
 }
 
@@ -47,7 +50,8 @@ fn bricked(path: &Path) -> TestStore {
 fn plain(store: &TestStore, mode: Mode, edge: u32) -> PictureSettings {
     let mut s = settings(&store.store, mode);
     let [low, high] = default_window(store.store.meta());
-    s.classification.transfer = grey_ramp(low, high, if mode == Mode::Mip { 1.0 } else { 0.5 }).expect("a window");
+    s.classification.transfer =
+        grey_ramp(low, high, if mode == Mode::Mip { 1.0 } else { 0.5 }).expect("a window");
     s.classification.iso.as_mut().expect("a surface").value = low + 0.3 * (high - low);
     s.size = [edge; 2];
     s
@@ -64,8 +68,15 @@ fn every_scan_of_a_built_format_is_bricked_and_verifies() {
     ];
     for path in lists.iter().flatten() {
         let store = bricked(path);
-        let report = bricking::verify(&store.store, 10, &NoProgress).expect("the store can be read");
-        assert_eq!(report.fault_count, 0, "{}: {:?}", path.display(), report.faults);
+        let report =
+            bricking::verify(&store.store, 10, &NoProgress).expect("the store can be read");
+        assert_eq!(
+            report.fault_count,
+            0,
+            "{}: {:?}",
+            path.display(),
+            report.faults
+        );
     }
 }
 
@@ -79,7 +90,11 @@ fn one_head_in_48_orientations_is_one_picture() {
     for path in paths {
         let store = bricked(&path);
         let picture = drawn(&store, &plain(&store, Mode::Mip, 96)).image;
-        assert!(coverage(&picture) > 0.1, "{}: something is seen", path.display());
+        assert!(
+            coverage(&picture) > 0.1,
+            "{}: something is seen",
+            path.display()
+        );
         match &first {
             None => first = Some(picture),
             Some(first) => {
@@ -96,9 +111,17 @@ fn one_head_in_48_orientations_is_one_picture() {
 #[cfg_attr(no_brickscope_data, ignore = "no BRICKSCOPE_DATA")]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn the_gpu_draws_scans_as_the_reference_does() {
-    let mut paths: Vec<PathBuf> = files("nifti/orientations", &[".nii.gz"]).into_iter().step_by(8).collect();
+    let mut paths: Vec<PathBuf> = files("nifti/orientations", &[".nii.gz"])
+        .into_iter()
+        .step_by(8)
+        .collect();
     assert_eq!(paths.len(), 6, "six of the 48");
-    for name in ["nifti/T1.nii.gz", "labels/aorta-ct.nii.gz", "nrrd/tooth.nhdr", "nrrd/fetal-atlas.nrrd"] {
+    for name in [
+        "nifti/T1.nii.gz",
+        "labels/aorta-ct.nii.gz",
+        "nrrd/tooth.nhdr",
+        "nrrd/fetal-atlas.nrrd",
+    ] {
         paths.push(data().join(name));
     }
     for path in paths {
@@ -107,10 +130,24 @@ fn the_gpu_draws_scans_as_the_reference_does() {
             let s = plain(&store, mode, 256);
             let (gpu, cpu) = (drawn(&store, &s).image, reference(&store, &s).image);
             let d = difference(&gpu, &cpu, compare::TWIN_BOUND);
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            println!("{name:32} {:4} largest {:.2e} mean {:.2e} beyond {}", mode.name(), d.max, d.mean, d.beyond);
+            let name = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            println!(
+                "{name:32} {:4} largest {:.2e} mean {:.2e} beyond {}",
+                mode.name(),
+                d.max,
+                d.mean,
+                d.beyond
+            );
             // As in tests/twin.rs: an iso hit is decided by comparing.
-            let allowed = if mode == Mode::Iso { gpu.pixels.len() / 1000 } else { 0 };
+            let allowed = if mode == Mode::Iso {
+                gpu.pixels.len() / 1000
+            } else {
+                0
+            };
             assert!(d.beyond <= allowed, "{name} {}: {d}", mode.name());
         }
     }

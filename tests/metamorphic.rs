@@ -1,6 +1,7 @@
 //! Tier 4: what must not change a picture doesn't, to the bit: skipping, the mesh, the place of bricks in the atlas
 //! (design.md §2, invariants 1 and 4; §5; §6).
 #![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used, reason = "a test that can't go on has failed")]
 
 #[path = "support/compare.rs"]
 #[allow(dead_code, reason = "shared with the other tests of pictures")]
@@ -44,9 +45,15 @@ fn speckle(share: u32, affine: DAffine3) -> TestStore {
 fn check_skipping(engine: &mut Engine, settings: &PictureSettings, what: &str) -> f64 {
     let mut plain = settings.clone();
     plain.technique = Technique::Basic;
-    let (skipping, plain) = (engine.render(settings).unwrap(), engine.render(&plain).unwrap());
+    let (skipping, plain) = (
+        engine.render(settings).unwrap(),
+        engine.render(&plain).unwrap(),
+    );
     assert_same_bits(&skipping.image, &plain.image, what);
-    assert!(skipping.stats.samples <= plain.stats.samples, "{what}: skipping takes no more samples");
+    assert!(
+        skipping.stats.samples <= plain.stats.samples,
+        "{what}: skipping takes no more samples"
+    );
     coverage(&plain.image)
 }
 
@@ -71,14 +78,28 @@ fn speckle_with_mesh_is_speckle_without_from_100_cameras() {
             s.camera = inside(&store.store, place, direction);
         } else {
             let bounds = brickscope::scene::volume_bounds(store.store.meta().dims, &oblique());
-            s.camera = Camera::orbit(&bounds, place.x * 360.0, direction.y * 89.0, 0.7 + place.z * 4.0, 40.0).unwrap();
+            s.camera = Camera::orbit(
+                &bounds,
+                place.x * 360.0,
+                direction.y * 89.0,
+                0.7 + place.z * 4.0,
+                40.0,
+            )
+            .unwrap();
             if i % 4 == 1 {
                 s.camera.projection = Projection::Orthographic;
             }
         }
-        covered += check_skipping(&mut engine, &s, &format!("camera {i}, {}, step {}", mode.name(), s.step));
+        covered += check_skipping(
+            &mut engine,
+            &s,
+            &format!("camera {i}, {}, step {}", mode.name(), s.step),
+        );
     }
-    assert!(covered / 100.0 > 0.3, "the cameras see something: {covered} %");
+    assert!(
+        covered / 100.0 > 0.3,
+        "the cameras see something: {covered} %"
+    );
 }
 
 #[test]
@@ -90,7 +111,10 @@ fn a_mirrored_affine_keeps_front_faces_in_front() {
     for mode in MODES {
         let mut s = settings(&store.store, mode);
         s.step = 1.0;
-        assert!(check_skipping(&mut engine, &s, mode.name()) > 0.02, "something is seen");
+        assert!(
+            check_skipping(&mut engine, &s, mode.name()) > 0.02,
+            "something is seen"
+        );
     }
 }
 
@@ -99,16 +123,37 @@ fn a_mirrored_affine_keeps_front_faces_in_front() {
 fn skipping_changes_nothing_in_a_body() {
     let store = phantom("phantom:body:120,80,130:u16");
     for filter in [SampleFilter::Exact, SampleFilter::Hardware] {
-        let mut engine = gpu(&store, EngineOptions { filter, ..EngineOptions::default() });
+        let mut engine = gpu(
+            &store,
+            EngineOptions {
+                filter,
+                ..EngineOptions::default()
+            },
+        );
         for mode in MODES {
             for (model, step) in [(ShadingModel::None, 0.5), (ShadingModel::Phong, 2.5)] {
                 let mut s = settings(&store.store, mode);
-                s.shading = Shading { model, ..Shading::default() };
+                s.shading = Shading {
+                    model,
+                    ..Shading::default()
+                };
                 s.step = step;
-                let covered = check_skipping(&mut engine, &s, &format!("{filter:?} {} step {step}", mode.name()));
+                let covered = check_skipping(
+                    &mut engine,
+                    &s,
+                    &format!("{filter:?} {} step {step}", mode.name()),
+                );
                 assert!(covered > 0.05, "something is seen: {covered}");
-                s.camera = inside(&store.store, DVec3::new(0.5, 0.5, 0.6), DVec3::new(0.2, -1.0, 0.1));
-                check_skipping(&mut engine, &s, &format!("{filter:?} {} step {step} inside", mode.name()));
+                s.camera = inside(
+                    &store.store,
+                    DVec3::new(0.5, 0.5, 0.6),
+                    DVec3::new(0.2, -1.0, 0.1),
+                );
+                check_skipping(
+                    &mut engine,
+                    &s,
+                    &format!("{filter:?} {} step {step} inside", mode.name()),
+                );
             }
         }
     }
@@ -119,16 +164,29 @@ fn skipping_changes_nothing_in_a_body() {
 fn the_place_in_the_atlas_changes_nothing() {
     let store = phantom("phantom:marschner-lobb:100,90,80:u16");
     let bytes = phantom("phantom:body:100,90,80:u8");
-    for (store, mode) in [(&store, Mode::Dvr), (&store, Mode::Iso), (&bytes, Mode::Dvr), (&bytes, Mode::Mip)] {
+    for (store, mode) in [
+        (&store, Mode::Dvr),
+        (&store, Mode::Iso),
+        (&bytes, Mode::Dvr),
+        (&bytes, Mode::Mip),
+    ] {
         for filter in [SampleFilter::Exact, SampleFilter::Hardware] {
             let s = settings(&store.store, mode);
             let pictures = [0, 1, 2].map(|slot_order_seed| {
-                let options = EngineOptions { filter, slot_order_seed, ..EngineOptions::default() };
+                let options = EngineOptions {
+                    filter,
+                    slot_order_seed,
+                    ..EngineOptions::default()
+                };
                 gpu(store, options).render(&s).unwrap().image
             });
             assert!(coverage(&pictures[0]) > 0.05, "something is seen");
             for other in &pictures[1..] {
-                assert_same_bits(&pictures[0], other, &format!("{filter:?} {} shuffled slots", mode.name()));
+                assert_same_bits(
+                    &pictures[0],
+                    other,
+                    &format!("{filter:?} {} shuffled slots", mode.name()),
+                );
             }
         }
     }
@@ -138,23 +196,53 @@ fn the_place_in_the_atlas_changes_nothing() {
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn a_missing_block_is_seen() {
     // The control of the tests above: one 4³ block less must change the picture.
-    let (with, without) = (speckle(200, DAffine3::IDENTITY), speckle(201, DAffine3::IDENTITY));
+    let (with, without) = (
+        speckle(200, DAffine3::IDENTITY),
+        speckle(201, DAffine3::IDENTITY),
+    );
     let s = settings(&with.store, Mode::Dvr);
-    let draw = |store: &TestStore| gpu(store, EngineOptions::default()).render(&s).unwrap().image;
-    assert!(difference(&draw(&with), &draw(&without), 0.0).beyond > 0, "other blocks, other picture");
+    let draw = |store: &TestStore| {
+        gpu(store, EngineOptions::default())
+            .render(&s)
+            .unwrap()
+            .image
+    };
+    assert!(
+        difference(&draw(&with), &draw(&without), 0.0).beyond > 0,
+        "other blocks, other picture"
+    );
 }
 
 #[test]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn too_little_memory_draws_a_coarser_level_and_says_so() {
     let store = phantom("phantom:sponge:200,200,200:u16");
-    let options = EngineOptions { gpu_memory_bytes: Some(24 << 20), ..EngineOptions::default() };
-    let picture = gpu(&store, options).render(&settings(&store.store, Mode::Dvr)).unwrap();
+    let options = EngineOptions {
+        gpu_memory_bytes: Some(24 << 20),
+        ..EngineOptions::default()
+    };
+    let picture = gpu(&store, options)
+        .render(&settings(&store.store, Mode::Dvr))
+        .unwrap();
     assert!(picture.stats.lod > 0, "level 0 doesn't fit 24 MiB");
-    assert_eq!(picture.notes.len(), usize::from(picture.stats.lod), "each level that didn't fit is named");
-    assert!(picture.stats.gpu_bytes.unwrap() <= 24 << 20, "the budget holds: {:?}", picture.stats.gpu_bytes);
+    assert_eq!(
+        picture.notes.len(),
+        usize::from(picture.stats.lod),
+        "each level that didn't fit is named"
+    );
+    assert!(
+        picture.stats.gpu_bytes.unwrap() <= 24 << 20,
+        "the budget holds: {:?}",
+        picture.stats.gpu_bytes
+    );
     let mut exact = settings(&store.store, Mode::Dvr);
     exact.lod = brickscope::scene::LodChoice::Fixed(brickscope::geom::Lod(picture.stats.lod));
-    let same = gpu(&store, EngineOptions::default()).render(&exact).unwrap();
-    assert_same_bits(&picture.image, &same.image, "the coarser level is that level");
+    let same = gpu(&store, EngineOptions::default())
+        .render(&exact)
+        .unwrap();
+    assert_same_bits(
+        &picture.image,
+        &same.image,
+        "the coarser level is that level",
+    );
 }

@@ -190,8 +190,8 @@ fn every_flipped_byte_is_found() {
         file.seek(SeekFrom::Start(at as u64)).unwrap();
         file.write_all(&[byte]).unwrap();
     };
-    for at in 0..whole.len() {
-        put(at, whole[at] ^ (1 << (at % 8)));
+    for (at, &byte) in whole.iter().enumerate() {
+        put(at, byte ^ (1 << (at % 8)));
         let found = first_fault(&path);
         assert!(found.is_err(), "flipped bit {} of byte {at}", at % 8);
         // Damage that can be opened is named by part; reading that brick is an error too.
@@ -208,7 +208,7 @@ fn every_flipped_byte_is_found() {
                 "byte {at}: {damaged:?}"
             );
         }
-        put(at, whole[at]);
+        put(at, byte);
     }
 }
 

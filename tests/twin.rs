@@ -1,8 +1,10 @@
 //! Tier 3: the GPU caster against the CPU reference, pixel by pixel in f32 (design.md §2, invariant 1), with negative
 //! controls: what must not pass doesn't.
 #![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used, reason = "a test that can't go on has failed")]
 
 #[path = "support/compare.rs"]
+#[allow(dead_code, reason = "shared with the other tests of pictures")]
 mod compare;
 #[path = "support/memory_source.rs"]
 #[allow(dead_code, reason = "shared with the tests of bricking")]
@@ -14,11 +16,15 @@ mod scenes;
 use brickscope::camera::Projection;
 use brickscope::engine::{EngineOptions, SampleFilter};
 use brickscope::geom::Lod;
-use brickscope::scene::{Interpolation, LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique};
+use brickscope::scene::{
+    Interpolation, LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique,
+};
 use brickscope::volume::VoxelType;
 use compare::{TWIN_BOUND, assert_twins, coverage, difference};
 use glam::DVec3;
-use scenes::{TestStore, drawn, field, gpu, inside, oblique, phantom, reference, settings, store_of};
+use scenes::{
+    TestStore, drawn, field, gpu, inside, oblique, phantom, reference, settings, store_of,
+};
 
 const MODES: [Mode; 3] = [Mode::Dvr, Mode::Iso, Mode::Mip];
 
@@ -37,10 +43,17 @@ fn check(store: &TestStore, settings: &PictureSettings, allowed: usize, what: &s
     let gpu = drawn(store, settings);
     let cpu = reference(store, settings);
     let covered = coverage(&cpu.image);
-    assert!(covered > 0.05, "{what}: the picture is nearly empty ({covered})");
+    assert!(
+        covered > 0.05,
+        "{what}: the picture is nearly empty ({covered})"
+    );
     // Bisection decides by comparing: where a value is within rounding of the iso-value, the hit moves by the last
     // interval, 1/128 of a step (and a nearly grazing ray may take the next crossing). At most one pixel in a thousand.
-    let by_comparison = if settings.mode == Mode::Iso { gpu.image.pixels.len() / 1000 } else { 0 };
+    let by_comparison = if settings.mode == Mode::Iso {
+        gpu.image.pixels.len() / 1000
+    } else {
+        0
+    };
     assert_twins(&gpu.image, &cpu.image, allowed + by_comparison, what);
 }
 
@@ -50,7 +63,12 @@ fn every_voxel_type_and_mode_matches_the_reference() {
     for voxel_type in [VoxelType::U8, VoxelType::U16, VoxelType::F32] {
         let store = waves(voxel_type);
         for mode in MODES {
-            check(&store, &settings(&store.store, mode), 0, &format!("{voxel_type} {}", mode.name()));
+            check(
+                &store,
+                &settings(&store.store, mode),
+                0,
+                &format!("{voxel_type} {}", mode.name()),
+            );
         }
     }
 }
@@ -61,7 +79,10 @@ fn every_setting_matches_the_reference() {
     let store = waves(VoxelType::U16);
     let of = |mode| settings(&store.store, mode);
     let phong = |mut s: PictureSettings| {
-        s.shading = Shading { model: ShadingModel::Phong, ..Shading::default() };
+        s.shading = Shading {
+            model: ShadingModel::Phong,
+            ..Shading::default()
+        };
         s
     };
     check(&store, &phong(of(Mode::Dvr)), 0, "shaded dvr");
@@ -73,7 +94,11 @@ fn every_setting_matches_the_reference() {
         s.camera.projection = Projection::Orthographic;
         check(&store, &s, 0, &format!("orthographic {}", mode.name()));
         let mut s = of(mode);
-        s.camera = inside(&store.store, DVec3::new(0.45, 0.55, 0.5), DVec3::new(0.3, 1.0, 0.2));
+        s.camera = inside(
+            &store.store,
+            DVec3::new(0.45, 0.55, 0.5),
+            DVec3::new(0.3, 1.0, 0.2),
+        );
         check(&store, &s, 0, &format!("{} from inside", mode.name()));
         let mut s = of(mode);
         s.interpolation = Interpolation::Nearest;
@@ -110,10 +135,19 @@ fn without_optional_features_pictures_match_too() {
     for voxel_type in [VoxelType::U16, VoxelType::F32] {
         let store = waves(voxel_type);
         for filter in [SampleFilter::Exact, SampleFilter::Hardware] {
-            let options = EngineOptions { filter, use_optional_features: false, ..EngineOptions::default() };
+            let options = EngineOptions {
+                filter,
+                use_optional_features: false,
+                ..EngineOptions::default()
+            };
             let s = settings(&store.store, Mode::Dvr);
             let gpu = gpu(&store, options).render(&s).unwrap();
-            assert_twins(&gpu.image, &reference(&store, &s).image, 0, &format!("bare {voxel_type} {filter:?}"));
+            assert_twins(
+                &gpu.image,
+                &reference(&store, &s).image,
+                0,
+                &format!("bare {voxel_type} {filter:?}"),
+            );
         }
     }
 }
@@ -123,7 +157,10 @@ fn without_optional_features_pictures_match_too() {
 fn the_hardware_filter_is_close() {
     // Its weights are coarse: up to 2.7e-3 of the range per sample on lavapipe's R8 (design.md §5).
     let store = waves(VoxelType::U8);
-    let options = EngineOptions { filter: SampleFilter::Hardware, ..EngineOptions::default() };
+    let options = EngineOptions {
+        filter: SampleFilter::Hardware,
+        ..EngineOptions::default()
+    };
     let s = settings(&store.store, Mode::Mip);
     let gpu = gpu(&store, options).render(&s).unwrap();
     let d = difference(&gpu.image, &reference(&store, &s).image, 0.02);
@@ -139,7 +176,12 @@ fn sample_counts_are_those_of_the_reference() {
         s.opacity_cutoff = 1.0;
         s.technique = Technique::Basic;
         let (gpu, cpu) = (drawn(&store, &s).stats, reference(&store, &s).stats);
-        assert_eq!(gpu.samples, cpu.samples, "{}: samples without skipping", mode.name());
+        assert_eq!(
+            gpu.samples,
+            cpu.samples,
+            "{}: samples without skipping",
+            mode.name()
+        );
         s.technique = Technique::Default;
         let skipping = drawn(&store, &s).stats;
         assert_eq!(
@@ -148,7 +190,11 @@ fn sample_counts_are_those_of_the_reference() {
             "{}: every sample is either taken or skipped",
             mode.name()
         );
-        assert!(skipping.samples < cpu.samples / 2, "{}: skipping skips the air", mode.name());
+        assert!(
+            skipping.samples < cpu.samples / 2,
+            "{}: skipping skips the air",
+            mode.name()
+        );
     }
 }
 
@@ -156,30 +202,53 @@ fn sample_counts_are_those_of_the_reference() {
 #[test]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn negative_controls_fail() {
-    let value = |p: DVec3| 0.5 + 0.5 * ((p - 0.5).length() * 19.0).cos() * (1.0 - (p - 0.5).length());
+    let value =
+        |p: DVec3| 0.5 + 0.5 * ((p - 0.5).length() * 19.0).cos() * (1.0 - (p - 0.5).length());
     let dims = [70_u64, 45, 52];
     let plain = store_of(&mut field(dims, VoxelType::U16, value));
     let s = settings(&plain.store, Mode::Dvr);
     let truth = reference(&plain, &s).image;
     let beyond = |image| difference(&image, &truth, TWIN_BOUND).beyond;
-    assert_eq!(beyond(drawn(&plain, &s).image), 0, "the control's own control");
+    assert_eq!(
+        beyond(drawn(&plain, &s).image),
+        0,
+        "the control's own control"
+    );
 
-    let shifted = store_of(&mut field(dims, VoxelType::U16, |p| value(p + DVec3::new(1.0 / 70.0, 0.0, 0.0))));
-    assert!(beyond(drawn(&shifted, &s).image) > 500, "a volume shifted by one voxel is seen");
+    let shifted = store_of(&mut field(dims, VoxelType::U16, |p| {
+        value(p + DVec3::new(1.0 / 70.0, 0.0, 0.0))
+    }));
+    assert!(
+        beyond(drawn(&shifted, &s).image) > 500,
+        "a volume shifted by one voxel is seen"
+    );
 
     let dropped = store_of(&mut field(dims, VoxelType::U16, |p| {
         let brick = (p * DVec3::new(70.0, 45.0, 52.0) / 32.0).floor();
-        if brick == DVec3::new(1.0, 0.0, 0.0) { 0.0 } else { value(p) }
+        if brick == DVec3::new(1.0, 0.0, 0.0) {
+            0.0
+        } else {
+            value(p)
+        }
     }));
-    assert!(beyond(drawn(&dropped, &s).image) > 500, "a dropped brick is seen");
+    assert!(
+        beyond(drawn(&dropped, &s).image) > 500,
+        "a dropped brick is seen"
+    );
 
     let mut denser = s.clone();
     denser.classification.opacity_unit_mm = Some(1.0 / 1.03);
-    assert!(beyond(drawn(&plain, &denser).image) > 500, "3 % more opacity is seen");
+    assert!(
+        beyond(drawn(&plain, &denser).image) > 500,
+        "3 % more opacity is seen"
+    );
 
     let mut coarser = s.clone();
     coarser.lod = LodChoice::Fixed(Lod(1));
-    assert!(beyond(drawn(&plain, &coarser).image) > 500, "the wrong level is seen");
+    assert!(
+        beyond(drawn(&plain, &coarser).image) > 500,
+        "the wrong level is seen"
+    );
 
     let mut swapped = drawn(&plain, &s).image;
     for p in &mut swapped.pixels {

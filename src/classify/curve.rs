@@ -224,6 +224,10 @@ enum Place<'a, P> {
 
 /// Where `x` lies among `points` (not empty, x not decreasing). NaN is before all.
 fn locate<P>(points: &[P], at: impl Fn(&P) -> f64, x: f64) -> Place<'_, P> {
+    // Of several points at the last x the last one holds, there and beyond: a step at the end of the data is seen.
+    if let Some(last) = points.last().filter(|p| x >= at(p)) {
+        return Place::End(last);
+    }
     // The first point that is not before x.
     let next = points.partition_point(|p| at(p) < x);
     match (next.checked_sub(1), points.get(next)) {

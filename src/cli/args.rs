@@ -92,14 +92,22 @@ pub fn picture_size(s: &str) -> Result<[u32; 2], String> {
     let parse = |part: &str| part.parse::<u32>().ok().filter(|v| (1..=65536).contains(v));
     s.split_once('x')
         .and_then(|(w, h)| Some([parse(w)?, parse(h)?]))
-        .ok_or_else(|| format!("'{s}': expected WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 1024x768"))
+        .ok_or_else(|| {
+            format!(
+                "'{s}': expected WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 1024x768"
+            )
+        })
 }
 
 /// A display colour: `r,g,b` (0 to 1) or `#rrggbb`.
 pub fn color(s: &str) -> Result<Vec3, String> {
-    let wrong = || format!("'{s}': expected a colour as r,g,b with numbers from 0 to 1, or #rrggbb");
+    let wrong =
+        || format!("'{s}': expected a colour as r,g,b with numbers from 0 to 1, or #rrggbb");
     if let Some(hex) = s.strip_prefix('#') {
-        let value = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6).ok_or_else(wrong)?;
+        let value = u32::from_str_radix(hex, 16)
+            .ok()
+            .filter(|_| hex.len() == 6)
+            .ok_or_else(wrong)?;
         let channel = |shift: u32| (value >> shift & 0xff) as f32 / 255.0;
         return Ok(Vec3::new(channel(16), channel(8), channel(0)));
     }
@@ -115,7 +123,9 @@ pub fn background(s: &str) -> Result<Background, String> {
     if s == "transparent" {
         return Ok(Background::Transparent);
     }
-    color(s).map(Background::Color).map_err(|e| format!("{e}, or transparent"))
+    color(s)
+        .map(Background::Color)
+        .map_err(|e| format!("{e}, or transparent"))
 }
 
 /// `VALUE[:COLOR[:OPACITY]]`, the surface of mode iso.
@@ -125,11 +135,15 @@ pub fn iso_surface(s: &str) -> Result<IsoSurface, String> {
         .next()
         .and_then(|v| v.parse::<f64>().ok())
         .filter(|v| v.is_finite())
-        .ok_or_else(|| format!("'{s}': expected VALUE or VALUE:COLOR, VALUE a finite number in physical units"))?;
+        .ok_or_else(|| {
+            format!("'{s}': expected VALUE or VALUE:COLOR, VALUE a finite number in physical units")
+        })?;
     let color = parts.next().map_or(Ok(IsoSurface::DEFAULT_COLOR), color)?;
     match parts.next().map(str::parse::<f64>) {
         None | Some(Ok(1.0)) => Ok(IsoSurface { value, color }),
-        Some(_) => Err(format!("'{s}': only opaque surfaces are built; leave the opacity out, or make it 1")),
+        Some(_) => Err(format!(
+            "'{s}': only opaque surfaces are built; leave the opacity out, or make it 1"
+        )),
     }
 }
 
@@ -138,7 +152,11 @@ pub fn orbit(s: &str) -> Result<[f64; 3], String> {
     vec3(s)
         .map(|v| v.to_array())
         .or_else(|_| pair(s).map(|[azimuth, elevation]| [azimuth, elevation, 1.0]))
-        .map_err(|_| format!("'{s}': expected AZIMUTH,ELEVATION or AZIMUTH,ELEVATION,ZOOM, angles in degrees"))
+        .map_err(|_| {
+            format!(
+                "'{s}': expected AZIMUTH,ELEVATION or AZIMUTH,ELEVATION,ZOOM, angles in degrees"
+            )
+        })
 }
 
 /// `auto` or a level's number.
@@ -146,7 +164,9 @@ pub fn lod(s: &str) -> Result<LodChoice, String> {
     if s == "auto" {
         return Ok(LodChoice::Auto);
     }
-    s.parse::<u8>().map(|l| LodChoice::Fixed(Lod(l))).map_err(|_| format!("'{s}': expected auto or a level's number, 0 or more"))
+    s.parse::<u8>()
+        .map(|l| LodChoice::Fixed(Lod(l)))
+        .map_err(|_| format!("'{s}': expected auto or a level's number, 0 or more"))
 }
 
 /// A finite number above 0.
@@ -204,7 +224,11 @@ mod tests {
     #[test]
     fn pictures() {
         assert_eq!(picture_size("1024x768"), Ok([1024, 768]));
-        assert!(picture_size("0x5").is_err() && picture_size("5").is_err() && picture_size("5x5x5").is_err());
+        assert!(
+            picture_size("0x5").is_err()
+                && picture_size("5").is_err()
+                && picture_size("5x5x5").is_err()
+        );
         assert_eq!(color("#ff0000"), Ok(Vec3::X));
         assert_eq!(color("0,0.5,1"), Ok(Vec3::new(0.0, 0.5, 1.0)));
         assert!(color("0,0,2").is_err() && color("#ff").is_err() && color("red").is_err());

@@ -11,8 +11,8 @@ use crate::camera::{Camera, DEFAULT_FOV_Y_DEGREES, Projection};
 use crate::classify::{Preset, TransferFunction, grey_ramp, read_paraview, window_range};
 use crate::engine::{DeviceChoice, EngineOptions};
 use crate::scene::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, Shading, ShadingModel,
-    Technique, default_window, volume_bounds,
+    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
+    Shading, ShadingModel, Technique, default_window, volume_bounds,
 };
 use crate::store::StoreMeta;
 
@@ -84,7 +84,12 @@ pub(super) struct PictureArgs {
     #[arg(long, value_name = "MM", value_parser = args::positive, help_heading = "Classification")]
     opacity_unit: Option<f64>,
     /// Classify samples after interpolation
-    #[arg(long, value_enum, default_value = "post", help_heading = "Classification")]
+    #[arg(
+        long,
+        value_enum,
+        default_value = "post",
+        help_heading = "Classification"
+    )]
     tf_mode: TfModeArg,
 
     /// Lighting [default: phong for iso, none otherwise]
@@ -171,21 +176,31 @@ impl PictureArgs {
             "cpu" => DeviceChoice::Cpu,
             name => DeviceChoice::Named(name.to_owned()),
         };
-        EngineOptions { device, gpu_memory_bytes: self.gpu_memory.map(|s| s.0), ..EngineOptions::default() }
+        EngineOptions {
+            device,
+            gpu_memory_bytes: self.gpu_memory.map(|s| s.0),
+            ..EngineOptions::default()
+        }
     }
 
     /// The picture that is meant, for the volume of `meta`. Remarks for the user go into `notes`.
     ///
     /// # Errors
     /// A file can't be read, a name is unknown, or the flags contradict each other.
-    pub(super) fn settings(&self, meta: &StoreMeta, notes: &mut Vec<String>) -> anyhow::Result<PictureSettings> {
+    pub(super) fn settings(
+        &self,
+        meta: &StoreMeta,
+        notes: &mut Vec<String>,
+    ) -> anyhow::Result<PictureSettings> {
         let mode = match self.mode {
             ModeArg::Dvr => Mode::Dvr,
             ModeArg::Iso => Mode::Iso,
             ModeArg::Mip => Mode::Mip,
         };
         if mode == Mode::Iso && self.iso.is_none() {
-            bail!("mode iso needs a value; give one with --iso VALUE, in physical units (such as 300 for HU)");
+            bail!(
+                "mode iso needs a value; give one with --iso VALUE, in physical units (such as 300 for HU)"
+            );
         }
         Ok(PictureSettings {
             size: self.size,
@@ -213,11 +228,17 @@ impl PictureArgs {
         })
     }
 
-    fn transfer(&self, mode: Mode, meta: &StoreMeta, notes: &mut Vec<String>) -> anyhow::Result<TransferFunction> {
+    fn transfer(
+        &self,
+        mode: Mode,
+        meta: &StoreMeta,
+        notes: &mut Vec<String>,
+    ) -> anyhow::Result<TransferFunction> {
         let TfModeArg::Post = self.tf_mode;
         let range = match self.window {
-            Some([center, width]) => window_range(center, width)
-                .with_context(|| format!("--window {center},{width}: expected a centre and a width above 0"))?,
+            Some([center, width]) => window_range(center, width).with_context(|| {
+                format!("--window {center},{width}: expected a centre and a width above 0")
+            })?,
             None => default_window(meta),
         };
         // cli.md, "Colour": a ramp is half opaque at its end, except where the look-up is a projection's only one.
@@ -226,15 +247,24 @@ impl PictureArgs {
             return Ok(grey_ramp(range[0], range[1], top_opacity)?);
         };
         if let Some(preset) = Preset::find(name) {
-            return preset.instantiate(range, top_opacity).with_context(|| format!("--tf {name}"));
+            return preset
+                .instantiate(range, top_opacity)
+                .with_context(|| format!("--tf {name}"));
         }
         let path = PathBuf::from(name);
         if !name.ends_with(".json") && !path.exists() {
-            bail!("--tf {name}: no such preset or file; presets are {}", Preset::names());
+            bail!(
+                "--tf {name}: no such preset or file; presets are {}",
+                Preset::names()
+            );
         }
         let mut functions = read_paraview(&path)?;
         if functions.len() > 1 {
-            notes.push(format!("{name} holds {} transfer functions; using the first, '{}'", functions.len(), functions[0].name));
+            notes.push(format!(
+                "{name} holds {} transfer functions; using the first, '{}'",
+                functions.len(),
+                functions[0].name
+            ));
         }
         Ok(functions.swap_remove(0))
     }
@@ -270,8 +300,17 @@ impl PictureArgs {
             let target = self.target.unwrap_or(bounds.center);
             // Looking straight up or down, +z can't be up: anterior is.
             let vertical = (target - eye).normalize_or_zero().z.abs() > 1.0 - 1e-9;
-            let up = self.up.unwrap_or(if vertical { DVec3::Y } else { DVec3::Z });
-            Camera { eye, target, up, fov_y_degrees: fov, projection: Projection::Perspective, near_mm: 0.0 }
+            let up = self
+                .up
+                .unwrap_or(if vertical { DVec3::Y } else { DVec3::Z });
+            Camera {
+                eye,
+                target,
+                up,
+                fov_y_degrees: fov,
+                projection: Projection::Perspective,
+                near_mm: 0.0,
+            }
         } else {
             let [azimuth, elevation, zoom] = self.orbit.unwrap_or([0.0, 0.0, 1.0]);
             Camera::orbit(&bounds, azimuth, elevation, zoom, fov)?

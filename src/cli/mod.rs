@@ -43,8 +43,9 @@ enum Command {
 pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(
-            tracing_subscriber::EnvFilter::try_from_env("BRICKSCOPE_LOG")
-                .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error,wgpu_hal::vulkan::instance=off")),
+            tracing_subscriber::EnvFilter::try_from_env("BRICKSCOPE_LOG").unwrap_or_else(|_| {
+                tracing_subscriber::EnvFilter::new("error,wgpu_hal::vulkan::instance=off")
+            }),
         )
         .with_writer(io::stderr)
         .init();

@@ -17,7 +17,9 @@ pub use picture::Picture;
 
 use crate::geom::Lod;
 use crate::reference;
-use crate::scene::{Classified, GridParams, LodChoice, PictureSettings, PictureStats, RayFrame, SceneError};
+use crate::scene::{
+    Classified, GridParams, LodChoice, PictureSettings, PictureStats, RayFrame, SceneError,
+};
 use crate::store::{Store, StoreMeta};
 
 /// A store and the device that draws it.
@@ -54,7 +56,12 @@ impl Engine {
     /// The named adapter is not there.
     pub fn with_store(store: Arc<Store>, options: EngineOptions) -> Result<Self, EngineError> {
         let (device, fallback) = open_device(&store, &options)?;
-        Ok(Self { store, options, device, fallback })
+        Ok(Self {
+            store,
+            options,
+            device,
+            fallback,
+        })
     }
 
     /// What the store says of its volume.
@@ -101,7 +108,10 @@ impl Engine {
 }
 
 #[cfg(feature = "gpu")]
-fn open_device(store: &Arc<Store>, options: &EngineOptions) -> Result<(Device, Option<String>), EngineError> {
+fn open_device(
+    store: &Arc<Store>,
+    options: &EngineOptions,
+) -> Result<(Device, Option<String>), EngineError> {
     use crate::gpu::{AdapterChoice, GpuError};
 
     let choice = match &options.device {
@@ -122,10 +132,16 @@ fn open_device(store: &Arc<Store>, options: &EngineOptions) -> Result<(Device, O
 }
 
 #[cfg(not(feature = "gpu"))]
-fn open_device(_store: &Arc<Store>, options: &EngineOptions) -> Result<(Device, Option<String>), EngineError> {
+fn open_device(
+    _store: &Arc<Store>,
+    options: &EngineOptions,
+) -> Result<(Device, Option<String>), EngineError> {
     match &options.device {
         DeviceChoice::Cpu => Ok((Device::Cpu, None)),
-        DeviceChoice::Auto => Ok((Device::Cpu, Some("this build has no GPU renderer (feature `gpu`)".into()))),
+        DeviceChoice::Auto => Ok((
+            Device::Cpu,
+            Some("this build has no GPU renderer (feature `gpu`)".into()),
+        )),
         DeviceChoice::Named(_) | DeviceChoice::SoftwareGpu => Err(EngineError::NoGpuBuilt),
     }
 }
@@ -135,12 +151,19 @@ fn chosen_level(store: &Store, choice: LodChoice) -> Result<Lod, SceneError> {
     match choice {
         LodChoice::Auto => Ok(Lod(0)),
         LodChoice::Fixed(lod) if usize::from(lod.0) < store.levels() => Ok(lod),
-        LodChoice::Fixed(lod) => Err(SceneError::NoSuchLevel { asked: lod.0, last: store.levels() - 1 }),
+        LodChoice::Fixed(lod) => Err(SceneError::NoSuchLevel {
+            asked: lod.0,
+            last: store.levels() - 1,
+        }),
     }
 }
 
 /// The sample grid and the classification of a picture drawn at `lod`.
-fn prepare(store: &Store, lod: Lod, settings: &PictureSettings) -> Result<(RayFrame, Classified), SceneError> {
+fn prepare(
+    store: &Store,
+    lod: Lod,
+    settings: &PictureSettings,
+) -> Result<(RayFrame, Classified), SceneError> {
     let meta = store.meta();
     let params = GridParams {
         dims: meta.dims,
@@ -171,5 +194,9 @@ fn render_on_cpu(
         lod: lod.0,
         ..PictureStats::default()
     };
-    Ok(Picture { image: drawn.image, stats, notes: Vec::new() })
+    Ok(Picture {
+        image: drawn.image,
+        stats,
+        notes: Vec::new(),
+    })
 }

@@ -83,8 +83,17 @@ pub enum EngineError {
     Loader(std::io::Error),
     #[error("this build has no GPU renderer (feature `gpu`); use --device cpu")]
     NoGpuBuilt,
-    #[error("--gpu-memory of {given} bytes is too little: this volume and picture need at least {least} bytes; give more, or a smaller --size")]
+    #[error(
+        "--gpu-memory of {given} bytes is too little: this volume and picture need at least {least} bytes; give more, or a smaller --size"
+    )]
     GpuMemory { given: u64, least: u64 },
-    #[error("level {lod} needs {needed} bricks in GPU memory, but {slots} fit into --gpu-memory of {budget} bytes; give more memory or a coarser --lod")]
-    Atlas { lod: u8, needed: u64, slots: u64, budget: u64 },
+    #[error(
+        "level {lod} needs {needed} bricks in GPU memory, but {slots} fit into --gpu-memory of {budget} bytes; give more memory or a coarser --lod"
+    )]
+    Atlas {
+        lod: u8,
+        needed: u64,
+        slots: u64,
+        budget: u64,
+    },
 }

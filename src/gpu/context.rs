@@ -58,7 +58,10 @@ impl GpuContext {
             let asked_lower = asked.to_lowercase();
             adapters.retain(|a| name_of(a).to_lowercase().contains(&asked_lower));
             if adapters.is_empty() {
-                return Err(GpuError::NoSuchAdapter { asked: asked.clone(), found: all_names });
+                return Err(GpuError::NoSuchAdapter {
+                    asked: asked.clone(),
+                    found: all_names,
+                });
             }
         }
         let rank = |a: &Adapter| {
@@ -72,14 +75,23 @@ impl GpuContext {
                 (_, DeviceType::Cpu) => 5,
             }
         };
-        let adapter = adapters.into_iter().min_by_key(rank).ok_or(GpuError::NoAdapter)?;
+        let adapter = adapters
+            .into_iter()
+            .min_by_key(rank)
+            .ok_or(GpuError::NoAdapter)?;
         Self::open_on(&adapter, use_optional)
     }
 
     fn open_on(adapter: &Adapter, use_optional: bool) -> Result<Self, GpuError> {
         let info = adapter.get_info();
-        let wanted = Features::TEXTURE_FORMAT_16BIT_NORM | Features::FLOAT32_FILTERABLE | Features::TIMESTAMP_QUERY;
-        let features = if use_optional { adapter.features() & wanted } else { Features::empty() };
+        let wanted = Features::TEXTURE_FORMAT_16BIT_NORM
+            | Features::FLOAT32_FILTERABLE
+            | Features::TIMESTAMP_QUERY;
+        let features = if use_optional {
+            adapter.features() & wanted
+        } else {
+            Features::empty()
+        };
         let limits = adapter.limits();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("gpu.device"),
@@ -87,7 +99,10 @@ impl GpuContext {
             required_limits: limits.clone(),
             ..Default::default()
         }))
-        .map_err(|e| GpuError::NoDevice { adapter: info.name.clone(), reason: e.to_string() })?;
+        .map_err(|e| GpuError::NoDevice {
+            adapter: info.name.clone(),
+            reason: e.to_string(),
+        })?;
         let caps = Caps {
             unorm16: features.contains(Features::TEXTURE_FORMAT_16BIT_NORM),
             float32_filterable: features.contains(Features::FLOAT32_FILTERABLE),
@@ -95,7 +110,12 @@ impl GpuContext {
             limits,
             is_software: info.device_type == DeviceType::Cpu,
         };
-        Ok(Self { device, queue, info, caps })
+        Ok(Self {
+            device,
+            queue,
+            info,
+            caps,
+        })
     }
 
     /// Runs `work` and turns what the device says against it (validation, memory) into an error.
@@ -110,10 +130,18 @@ impl GpuContext {
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let result = work();
-        let reported = [pollster::block_on(memory.pop()), pollster::block_on(validation.pop())];
-        match reported.into_iter().flatten().next() {
-            Some(error) => Err(GpuError::Device { doing, reason: error.to_string() }),
-            None => result,
+        let memory = pollster::block_on(memory.pop());
+        let validation = pollster::block_on(validation.pop());
+        match (memory, validation) {
+            (Some(error), _) => Err(GpuError::OutOfMemory {
+                doing,
+                reason: error.to_string(),
+            }),
+            (None, Some(error)) => Err(GpuError::Device {
+                doing,
+                reason: error.to_string(),
+            }),
+            (None, None) => result,
         }
     }
 
@@ -125,6 +153,9 @@ impl GpuContext {
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
             .map(|_| ())
-            .map_err(|e| GpuError::Device { doing: "waiting for the GPU", reason: e.to_string() })
+            .map_err(|e| GpuError::Device {
+                doing: "waiting for the GPU",
+                reason: e.to_string(),
+            })
     }
 }

@@ -16,8 +16,16 @@ pub enum GpuError {
     NoSuchAdapter { asked: String, found: Vec<String> },
     #[error("the adapter {adapter} gives no device: {reason}")]
     NoDevice { adapter: String, reason: String },
+    #[error("{doing}: the graphics device has not the memory: {reason}")]
+    OutOfMemory { doing: &'static str, reason: String },
     #[error("{doing}: the graphics device reports: {reason}")]
     Device { doing: &'static str, reason: String },
     #[error("{what} needs {needed} bytes, but {limit} is all that {limited_by} allows; {remedy}")]
-    TooSmall { what: String, needed: u64, limit: u64, limited_by: String, remedy: String },
+    TooSmall {
+        what: String,
+        needed: u64,
+        limit: u64,
+        limited_by: String,
+        remedy: String,
+    },
 }

@@ -10,9 +10,15 @@ pub fn read_buffers<const N: usize>(
     gpu: &GpuContext,
     sources: [(&wgpu::Buffer, u64); N],
 ) -> Result<[Vec<u8>; N], GpuError> {
-    let failed = |reason: String| GpuError::Device { doing: "reading the picture back", reason };
-    let mut encoder =
-        gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("gpu.readback") });
+    let failed = |reason: String| GpuError::Device {
+        doing: "reading the picture back",
+        reason,
+    };
+    let mut encoder = gpu
+        .device
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor {
+            label: Some("gpu.readback"),
+        });
     let targets = sources.map(|(source, size)| {
         let target = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("gpu.readback"),
@@ -34,11 +40,17 @@ pub fn read_buffers<const N: usize>(
     }
     gpu.wait()?;
     for _ in 0..N {
-        receiver.recv().map_err(|e| failed(e.to_string()))?.map_err(|e| failed(e.to_string()))?;
+        receiver
+            .recv()
+            .map_err(|e| failed(e.to_string()))?
+            .map_err(|e| failed(e.to_string()))?;
     }
     let mut out = std::array::from_fn(|_| Vec::new());
     for (bytes, target) in out.iter_mut().zip(&targets) {
-        *bytes = target.get_mapped_range(..).map_err(|e| failed(e.to_string()))?.to_vec();
+        *bytes = target
+            .get_mapped_range(..)
+            .map_err(|e| failed(e.to_string()))?
+            .to_vec();
         target.unmap();
     }
     Ok(out)

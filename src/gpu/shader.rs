@@ -35,7 +35,10 @@ impl Part {
 
 macro_rules! part {
     ($path:literal) => {
-        Part { path: concat!("shaders/", $path), text: include_str!(concat!("../../shaders/", $path)) }
+        Part {
+            path: concat!("shaders/", $path),
+            text: include_str!(concat!("../../shaders/", $path)),
+        }
     };
 }
 
@@ -62,14 +65,26 @@ const WALK: Part = part!("lib/walk.wgsl");
 const RAYCAST: Part = part!("pass/raycast.wgsl");
 
 /// The depth raster of the bounding mesh.
-pub const BOUNDS: ShaderSource =
-    ShaderSource { name: "bounds", parts: &[TYPES, FRAME, part!("pass/bounds.wgsl")] };
+pub const BOUNDS: ShaderSource = ShaderSource {
+    name: "bounds",
+    parts: &[TYPES, FRAME, part!("pass/bounds.wgsl")],
+};
 
 /// The caster on a filterable atlas.
 pub const RAYCAST_FILTERED: ShaderSource = ShaderSource {
     name: "raycast_filtered",
     parts: &[
-        TYPES, FRAME, VOLUME, part!("bind/atlas_filtered.wgsl"), RAY, BRICK, SAMPLE, CLASSIFY, SHADE, INTERVAL, WALK,
+        TYPES,
+        FRAME,
+        VOLUME,
+        part!("bind/atlas_filtered.wgsl"),
+        RAY,
+        BRICK,
+        SAMPLE,
+        CLASSIFY,
+        SHADE,
+        INTERVAL,
+        WALK,
         RAYCAST,
     ],
 };
@@ -78,8 +93,19 @@ pub const RAYCAST_FILTERED: ShaderSource = ShaderSource {
 pub const RAYCAST_FLOAT: ShaderSource = ShaderSource {
     name: "raycast_float",
     parts: &[
-        TYPES, FRAME, VOLUME, part!("bind/atlas_float.wgsl"), EXACT, RAY, BRICK, SAMPLE, CLASSIFY, SHADE, INTERVAL,
-        WALK, RAYCAST,
+        TYPES,
+        FRAME,
+        VOLUME,
+        part!("bind/atlas_float.wgsl"),
+        EXACT,
+        RAY,
+        BRICK,
+        SAMPLE,
+        CLASSIFY,
+        SHADE,
+        INTERVAL,
+        WALK,
+        RAYCAST,
     ],
 };
 
@@ -87,8 +113,19 @@ pub const RAYCAST_FLOAT: ShaderSource = ShaderSource {
 pub const RAYCAST_UINT: ShaderSource = ShaderSource {
     name: "raycast_uint",
     parts: &[
-        TYPES, FRAME, VOLUME, part!("bind/atlas_uint.wgsl"), EXACT, RAY, BRICK, SAMPLE, CLASSIFY, SHADE, INTERVAL,
-        WALK, RAYCAST,
+        TYPES,
+        FRAME,
+        VOLUME,
+        part!("bind/atlas_uint.wgsl"),
+        EXACT,
+        RAY,
+        BRICK,
+        SAMPLE,
+        CLASSIFY,
+        SHADE,
+        INTERVAL,
+        WALK,
+        RAYCAST,
     ],
 };
 
@@ -132,10 +169,12 @@ impl ShaderSource {
             }
         }
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some(self.name),
-            source: wgpu::ShaderSource::Wgsl(assembled.text.as_str().into()),
-        });
+        let module = gpu
+            .device
+            .create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(self.name),
+                source: wgpu::ShaderSource::Wgsl(assembled.text.as_str().into()),
+            });
         if let Some(error) = pollster::block_on(scope.pop()) {
             let mut reason = error.to_string();
             let info = pollster::block_on(module.get_compilation_info());
@@ -144,7 +183,10 @@ impl ShaderSource {
                     let _ = write!(reason, "\n{}", assembled.place(at.line_number));
                 }
             }
-            return Err(GpuError::Device { doing: "compiling a shader", reason });
+            return Err(GpuError::Device {
+                doing: "compiling a shader",
+                reason,
+            });
         }
         Ok(module)
     }
@@ -153,7 +195,12 @@ impl ShaderSource {
 impl Assembled {
     /// `shaders/lib/brick.wgsl:17` for a line of the assembly.
     pub fn place(&self, line: u32) -> String {
-        let (first, path) = self.first_lines.iter().rev().find(|(first, _)| *first <= line).unwrap_or(&(1, "?"));
+        let (first, path) = self
+            .first_lines
+            .iter()
+            .rev()
+            .find(|(first, _)| *first <= line)
+            .unwrap_or(&(1, "?"));
         format!("{path}:{}", line - first + 1)
     }
 }

@@ -49,15 +49,23 @@ impl Staging {
             self.flush(gpu)?;
         }
         self.in_burst += size;
-        let Some(nonzero) = wgpu::BufferSize::new(size) else { return Ok(()) };
+        let Some(nonzero) = wgpu::BufferSize::new(size) else {
+            return Ok(());
+        };
         let alignment = const { wgpu::BufferSize::new(256).expect("invariant: 256 is not 0") };
         let slice = self.belt.allocate(nonzero, alignment);
         slice
             .get_mapped_range_mut()
-            .map_err(|e| GpuError::Device { doing: "staging an upload", reason: e.to_string() })?
+            .map_err(|e| GpuError::Device {
+                doing: "staging an upload",
+                reason: e.to_string(),
+            })?
             .copy_from_slice(bytes);
         let encoder = self.encoder.get_or_insert_with(|| {
-            gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("gpu.staging") })
+            gpu.device
+                .create_command_encoder(&wgpu::CommandEncoderDescriptor {
+                    label: Some("gpu.staging"),
+                })
         });
         copy(encoder, slice.buffer(), slice.offset());
         Ok(())
@@ -69,7 +77,9 @@ impl Staging {
     /// The device is lost.
     pub fn flush(&mut self, gpu: &GpuContext) -> Result<(), GpuError> {
         self.in_burst = 0;
-        let Some(encoder) = self.encoder.take() else { return Ok(()) };
+        let Some(encoder) = self.encoder.take() else {
+            return Ok(());
+        };
         self.belt.finish();
         gpu.queue.submit([encoder.finish()]);
         self.belt.recall();

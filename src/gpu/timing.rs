@@ -35,12 +35,18 @@ impl PassTimer {
             }),
             capacity: passes,
         });
-        Self { queries, names: Vec::new() }
+        Self {
+            queries,
+            names: Vec::new(),
+        }
     }
 
     /// The two queries of the next pass, named `name`; `None` when there are no timestamps or no place is left.
     fn next(&mut self, name: &'static str) -> Option<(&wgpu::QuerySet, u32)> {
-        let queries = self.queries.as_ref().filter(|q| (self.names.len() as u32) < q.capacity)?;
+        let queries = self
+            .queries
+            .as_ref()
+            .filter(|q| (self.names.len() as u32) < q.capacity)?;
         let first = self.names.len() as u32 * 2;
         self.names.push(name);
         Some((&queries.set, first))
@@ -48,20 +54,22 @@ impl PassTimer {
 
     /// Timestamps for a render pass.
     pub fn render(&mut self, name: &'static str) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
-        self.next(name).map(|(query_set, first)| wgpu::RenderPassTimestampWrites {
-            query_set,
-            beginning_of_pass_write_index: Some(first),
-            end_of_pass_write_index: Some(first + 1),
-        })
+        self.next(name)
+            .map(|(query_set, first)| wgpu::RenderPassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(first),
+                end_of_pass_write_index: Some(first + 1),
+            })
     }
 
     /// Timestamps for a compute pass.
     pub fn compute(&mut self, name: &'static str) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
-        self.next(name).map(|(query_set, first)| wgpu::ComputePassTimestampWrites {
-            query_set,
-            beginning_of_pass_write_index: Some(first),
-            end_of_pass_write_index: Some(first + 1),
-        })
+        self.next(name)
+            .map(|(query_set, first)| wgpu::ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(first),
+                end_of_pass_write_index: Some(first + 1),
+            })
     }
 
     /// Records the end of timing into `encoder`, after the passes.
@@ -76,7 +84,9 @@ impl PassTimer {
     /// # Errors
     /// The device is lost.
     pub fn read(&mut self, gpu: &GpuContext) -> Result<Option<BTreeMap<String, f64>>, GpuError> {
-        let Some(q) = &self.queries else { return Ok(None) };
+        let Some(q) = &self.queries else {
+            return Ok(None);
+        };
         let names = std::mem::take(&mut self.names);
         if names.is_empty() {
             return Ok(Some(BTreeMap::new()));

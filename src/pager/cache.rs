@@ -23,7 +23,11 @@ fn size_of_brick(data: &BrickData) -> u64 {
 impl BrickCache {
     /// An empty cache of at most `budget_bytes`.
     pub fn new(budget_bytes: u64) -> Self {
-        Self { bricks: LruCache::unbounded(), budget_bytes, bytes: 0 }
+        Self {
+            bricks: LruCache::unbounded(),
+            budget_bytes,
+            bytes: 0,
+        }
     }
 
     /// The brick, if it is here; marks it as used.
@@ -38,7 +42,9 @@ impl BrickCache {
             self.bytes -= size_of_brick(&old);
         }
         while self.bytes > self.budget_bytes {
-            let Some((_, gone)) = self.bricks.pop_lru() else { break };
+            let Some((_, gone)) = self.bricks.pop_lru() else {
+                break;
+            };
             self.bytes -= size_of_brick(&gone);
         }
     }

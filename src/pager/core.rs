@@ -4,7 +4,9 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 use crate::geom::BrickId;
 
-use super::{BrickState, Event, PageTablePatch, Plan, Request, SlotId, SlotPool, Upload, transition};
+use super::{
+    BrickState, Event, PageTablePatch, Plan, Request, SlotId, SlotPool, Upload, transition,
+};
 
 /// The end of a load.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +87,10 @@ impl Pager {
                     self.queue.insert(*request);
                 }
                 BrickState::Resident(_) => self.slots.touch(request.brick),
-                BrickState::Queued | BrickState::Decoding | BrickState::InRam | BrickState::Constant => {}
+                BrickState::Queued
+                | BrickState::Decoding
+                | BrickState::InRam
+                | BrickState::Constant => {}
             }
         }
     }
@@ -114,18 +119,26 @@ impl Pager {
                 Some((slot, evicted)) => {
                     if let Some(old) = evicted {
                         self.apply(old, Event::Drop);
-                        plan.patches.push(PageTablePatch { brick: old, slot: None });
+                        plan.patches.push(PageTablePatch {
+                            brick: old,
+                            slot: None,
+                        });
                         plan.evicted += 1;
                     }
                     self.apply(brick, Event::Place(slot));
                     plan.upload.push(Upload { brick, slot });
-                    plan.patches.push(PageTablePatch { brick, slot: Some(slot) });
+                    plan.patches.push(PageTablePatch {
+                        brick,
+                        slot: Some(slot),
+                    });
                 }
                 None => self.in_ram.push(brick),
             }
         }
         while self.decoding < max_decoding {
-            let Some(request) = self.queue.pop_first() else { break };
+            let Some(request) = self.queue.pop_first() else {
+                break;
+            };
             self.apply(request.brick, Event::Start);
             self.decoding += 1;
             plan.load.push(request.brick);
@@ -139,7 +152,8 @@ impl Pager {
     }
 
     fn apply(&mut self, brick: BrickId, event: Event) {
-        let state = transition(self.state(brick), event).expect("invariant: the pager makes only legal moves");
+        let state = transition(self.state(brick), event)
+            .expect("invariant: the pager makes only legal moves");
         if state == BrickState::Absent {
             self.states.remove(&brick);
         } else {
@@ -209,7 +223,10 @@ mod tests {
     #[test]
     fn a_failed_brick_is_failed_until_asked_again() {
         let mut pager = Pager::new(SlotPool::new(1));
-        let request = [Request { priority: Priority(0), brick: brick(0) }];
+        let request = [Request {
+            priority: Priority(0),
+            brick: brick(0),
+        }];
         pager.request(&request);
         assert_eq!(pager.step(&[], 1).load, [brick(0)]);
         pager.step(&[Completion::Failed(brick(0))], 1);

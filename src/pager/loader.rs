@@ -30,21 +30,31 @@ impl Loader {
     pub fn new(store: Arc<Store>, threads: usize) -> io::Result<Self> {
         let (orders, inbox) = unbounded::<BrickId>();
         let (outbox, done) = unbounded();
-        let readers: io::Result<Vec<BrickReader>> = (0..threads.max(1)).map(|_| BrickReader::new()).collect();
+        let readers: io::Result<Vec<BrickReader>> =
+            (0..threads.max(1)).map(|_| BrickReader::new()).collect();
         let threads = readers?
             .into_iter()
             .map(|mut reader| {
                 let (store, inbox, outbox) = (Arc::clone(&store), inbox.clone(), outbox.clone());
                 std::thread::spawn(move || {
                     for brick in inbox {
-                        if outbox.send((brick, store.read_brick(brick, &mut reader))).is_err() {
+                        if outbox
+                            .send((brick, store.read_brick(brick, &mut reader)))
+                            .is_err()
+                        {
                             return;
                         }
                     }
                 })
             })
             .collect();
-        Ok(Self { store, orders: Some(orders), done, threads, in_flight: 0 })
+        Ok(Self {
+            store,
+            orders: Some(orders),
+            done,
+            threads,
+            in_flight: 0,
+        })
     }
 
     /// Bricks ordered and not yet received.

@@ -20,13 +20,23 @@ pub struct AtlasShape {
 impl AtlasShape {
     /// The smallest atlas with at least `slots` slots whose edges are at most `max_edge` texels; if there is none, or it
     /// takes more than `budget_bytes`, the one with the most slots that doesn't. `None` when not even one slot fits.
-    pub fn for_slots(slots: u64, voxel_bytes: u64, budget_bytes: u64, max_edge: u32) -> Option<Self> {
-        let edges: Vec<u32> = (6..=14).map(|shift| 1 << shift).filter(|&e| e <= max_edge).collect();
+    pub fn for_slots(
+        slots: u64,
+        voxel_bytes: u64,
+        budget_bytes: u64,
+        max_edge: u32,
+    ) -> Option<Self> {
+        let edges: Vec<u32> = (6..=14)
+            .map(|shift| 1 << shift)
+            .filter(|&e| e <= max_edge)
+            .collect();
         let mut shapes = Vec::new();
         for &x in &edges {
             for &y in edges.iter().filter(|&&y| y <= x) {
                 for &z in edges.iter().filter(|&&z| z <= y) {
-                    let shape = Self { texels: UVec3::new(x, y, z) };
+                    let shape = Self {
+                        texels: UVec3::new(x, y, z),
+                    };
                     if shape.slot_count() > 0 && shape.bytes(voxel_bytes) <= budget_bytes {
                         shapes.push(shape);
                     }
@@ -37,7 +47,9 @@ impl AtlasShape {
             .iter()
             .filter(|s| s.slot_count() >= slots)
             .min_by_key(|s| (s.bytes(voxel_bytes), s.texels.x));
-        enough.or_else(|| shapes.iter().max_by_key(|s| s.slot_count())).copied()
+        enough
+            .or_else(|| shapes.iter().max_by_key(|s| s.slot_count()))
+            .copied()
     }
 
     /// Slots per axis.
@@ -78,12 +90,18 @@ pub struct SlotPool {
 impl SlotPool {
     /// `count` free slots; the lowest is given first.
     pub fn new(count: u32) -> Self {
-        Self { by_recency: LruCache::unbounded(), free: (0..count).rev().map(SlotId).collect() }
+        Self {
+            by_recency: LruCache::unbounded(),
+            free: (0..count).rev().map(SlotId).collect(),
+        }
     }
 
     /// All slots, in the order in which they are given out: for tests of the atlas' indifference to it.
     pub fn with_order(order: Vec<SlotId>) -> Self {
-        Self { by_recency: LruCache::unbounded(), free: order.into_iter().rev().collect() }
+        Self {
+            by_recency: LruCache::unbounded(),
+            free: order.into_iter().rev().collect(),
+        }
     }
 
     /// Slots, free or not.
@@ -98,7 +116,11 @@ impl SlotPool {
 
     /// A slot for `brick`: a free one, else that of the least recently used brick, unless `keep` says that it must stay.
     /// Returns the slot and who had to leave.
-    pub fn place(&mut self, brick: BrickId, keep: impl Fn(BrickId) -> bool) -> Option<(SlotId, Option<BrickId>)> {
+    pub fn place(
+        &mut self,
+        brick: BrickId,
+        keep: impl Fn(BrickId) -> bool,
+    ) -> Option<(SlotId, Option<BrickId>)> {
         if let Some(slot) = self.free.pop() {
             self.by_recency.push(brick, slot);
             return Some((slot, None));
@@ -121,13 +143,28 @@ mod tests {
     fn shapes_are_powers_of_two_and_as_small_as_they_can_be() {
         let shape = AtlasShape::for_slots(3000, 1, u64::MAX, 2048).unwrap();
         assert_eq!(shape.texels, UVec3::splat(512), "15³ = 3375 slots");
-        assert_eq!(AtlasShape::for_slots(1, 2, u64::MAX, 2048).unwrap().slot_count(), 1, "one slot is enough");
+        assert_eq!(
+            AtlasShape::for_slots(1, 2, u64::MAX, 2048)
+                .unwrap()
+                .slot_count(),
+            1,
+            "one slot is enough"
+        );
         let tight = AtlasShape::for_slots(3000, 2, 16 << 20, 2048).unwrap();
-        assert!(tight.bytes(2) <= 16 << 20 && tight.slot_count() >= 98, "{tight:?} keeps the budget");
-        assert!(AtlasShape::for_slots(1, 1, 1000, 2048).is_none(), "not even one slot fits 1000 bytes");
+        assert!(
+            tight.bytes(2) <= 16 << 20 && tight.slot_count() >= 98,
+            "{tight:?} keeps the budget"
+        );
+        assert!(
+            AtlasShape::for_slots(1, 1, 1000, 2048).is_none(),
+            "not even one slot fits 1000 bytes"
+        );
         let mut seen = std::collections::BTreeSet::new();
         for i in 0..shape.slot_count() as u32 {
-            assert!(seen.insert(shape.slot_place(SlotId(i)).to_array()), "slot {i} has a place of its own");
+            assert!(
+                seen.insert(shape.slot_place(SlotId(i)).to_array()),
+                "slot {i} has a place of its own"
+            );
         }
     }
 }

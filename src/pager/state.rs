@@ -86,8 +86,23 @@ mod tests {
     fn only_the_tables_moves_are_legal() {
         use BrickState as S;
         let slot = SlotId(3);
-        let states = [S::Absent, S::Queued, S::Decoding, S::InRam, S::Resident(slot), S::Constant, S::Failed];
-        let events = [Event::Request, Event::Start, Event::Decoded, Event::Failed, Event::Place(slot), Event::Drop];
+        let states = [
+            S::Absent,
+            S::Queued,
+            S::Decoding,
+            S::InRam,
+            S::Resident(slot),
+            S::Constant,
+            S::Failed,
+        ];
+        let events = [
+            Event::Request,
+            Event::Start,
+            Event::Decoded,
+            Event::Failed,
+            Event::Place(slot),
+            Event::Drop,
+        ];
         let legal: Vec<(S, Event, S)> = states
             .into_iter()
             .flat_map(|s| events.map(move |e| (s, e)))

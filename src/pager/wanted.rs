@@ -61,15 +61,26 @@ impl ActiveBricks {
 
 /// The bricks that are active or lie within `reach` level voxels (per axis) of an active block of another: samples next
 /// to a run are taken there.
-pub fn within_reach(active: &BTreeMap<u64, Occupancy>, grid: &BrickGrid, reach: DVec3) -> BTreeSet<u64> {
+pub fn within_reach(
+    active: &BTreeMap<u64, Occupancy>,
+    grid: &BrickGrid,
+    reach: DVec3,
+) -> BTreeSet<u64> {
     let mut wanted = BTreeSet::new();
     let last = (grid.bricks - 1).as_ivec3();
     for (&index, occupancy) in active {
-        let Some((first, end)) = occupancy.bounds() else { continue };
+        let Some((first, end)) = occupancy.bounds() else {
+            continue;
+        };
         let corner = (grid.xyz(index) * BRICK_EDGE).as_dvec3();
         let low = corner + (first * BLOCK_EDGE).as_dvec3() - reach;
         let high = corner + (end * BLOCK_EDGE).as_dvec3() + reach;
-        let to_brick = |p: DVec3| (p / f64::from(BRICK_EDGE)).floor().as_ivec3().clamp(IVec3::ZERO, last);
+        let to_brick = |p: DVec3| {
+            (p / f64::from(BRICK_EDGE))
+                .floor()
+                .as_ivec3()
+                .clamp(IVec3::ZERO, last)
+        };
         let (low, high) = (to_brick(low), to_brick(high));
         for z in low.z..=high.z {
             for y in low.y..=high.y {
@@ -95,9 +106,20 @@ mod tests {
         one_block.set(7, 4, 4, true);
         let active = BTreeMap::from([(grid.index(UVec3::splat(1)), one_block)]);
         let wanted = |reach| -> Vec<[u32; 3]> {
-            within_reach(&active, &grid, DVec3::splat(reach)).into_iter().map(|i| grid.xyz(i).to_array()).collect()
+            within_reach(&active, &grid, DVec3::splat(reach))
+                .into_iter()
+                .map(|i| grid.xyz(i).to_array())
+                .collect()
         };
-        assert_eq!(wanted(0.5), [[1, 1, 1], [2, 1, 1]], "the block touches the brick to the right");
-        assert_eq!(wanted(40.0).len(), 27, "a step of more than a brick reaches all around");
+        assert_eq!(
+            wanted(0.5),
+            [[1, 1, 1], [2, 1, 1]],
+            "the block touches the brick to the right"
+        );
+        assert_eq!(
+            wanted(40.0).len(),
+            27,
+            "a step of more than a brick reaches all around"
+        );
     }
 }

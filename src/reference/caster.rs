@@ -43,7 +43,14 @@ pub fn render(
                 let mut counts = RayCounts::default();
                 for x in 0..width {
                     let ray = Ray::new(frame, x, y);
-                    let mut caster = Caster { reader, frame, classified, settings, ray, samples: 0 };
+                    let mut caster = Caster {
+                        reader,
+                        frame,
+                        classified,
+                        settings,
+                        ray,
+                        samples: 0,
+                    };
                     row.push(match settings.mode {
                         Mode::Dvr => caster.dvr(),
                         Mode::Iso => caster.iso(),
@@ -58,13 +65,21 @@ pub fn render(
             },
         )
         .collect();
-    let mut image = Image { width, height, pixels: Vec::with_capacity(width as usize * height as usize) };
+    let mut image = Image {
+        width,
+        height,
+        pixels: Vec::with_capacity(width as usize * height as usize),
+    };
     let mut counts = RayCounts::default();
     for (row, row_counts) in rows? {
         image.pixels.extend(row);
         counts.samples += row_counts.samples;
     }
-    Ok(ReferencePicture { image, counts, bricks_read: field.bricks_read.load(Ordering::Relaxed) })
+    Ok(ReferencePicture {
+        image,
+        counts,
+        bricks_read: field.bricks_read.load(Ordering::Relaxed),
+    })
 }
 
 /// A ray as the shader has it: offsets in level voxels from the frame's anchor, by sample index.
@@ -140,7 +155,8 @@ impl Caster<'_, '_, '_> {
 
     /// Central differences at ±½ voxel of the level (design.md §3), in world units.
     fn gradient(&mut self, offset: Vec3) -> Vec3 {
-        let mut along = |axis: Vec3| self.value(offset + axis * 0.5) - self.value(offset - axis * 0.5);
+        let mut along =
+            |axis: Vec3| self.value(offset + axis * 0.5) - self.value(offset - axis * 0.5);
         let level = Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z));
         self.frame.normal_from_gradient * level
     }
@@ -196,7 +212,11 @@ impl Caster<'_, '_, '_> {
             if previous.is_some_and(|p: bool| p != above) {
                 let at = self.refine(i as f32, above);
                 let offset = self.ray.offset(at);
-                let color = self.settings.classification.iso.map_or(Vec3::ONE, |s| s.color);
+                let color = self
+                    .settings
+                    .classification
+                    .iso
+                    .map_or(Vec3::ONE, |s| s.color);
                 return self.lit(color, offset).extend(1.0);
             }
             previous = Some(above);

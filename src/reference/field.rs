@@ -35,23 +35,36 @@ impl<'a> VoxelField<'a> {
     pub fn new(store: &'a Store, lod: Lod, ram_bytes: u64) -> Self {
         let stored_type = store.meta().stored_type;
         let brick_bytes = (STORED_VOXELS * stored_type.size()) as u64;
-        let capacity = usize::try_from(ram_bytes / brick_bytes).unwrap_or(usize::MAX).max(64);
+        let capacity = usize::try_from(ram_bytes / brick_bytes)
+            .unwrap_or(usize::MAX)
+            .max(64);
         Self {
             store,
             lod,
             grid: store.level(lod).grid,
             stored_type,
-            cache: Mutex::new(LruCache::new(NonZeroUsize::new(capacity).unwrap_or(NonZeroUsize::MIN))),
+            cache: Mutex::new(LruCache::new(
+                NonZeroUsize::new(capacity).unwrap_or(NonZeroUsize::MIN),
+            )),
             bricks_read: AtomicU64::new(0),
         }
     }
 
     /// A reader for one thread.
     pub fn reader(&self) -> FieldReader<'_> {
-        FieldReader { field: self, near: std::array::from_fn(|_| None), decoder: None, error: None }
+        FieldReader {
+            field: self,
+            near: std::array::from_fn(|_| None),
+            decoder: None,
+            error: None,
+        }
     }
 
-    fn brick(&self, xyz: UVec3, decoder: &mut Option<BrickReader>) -> Result<Arc<Voxels>, StoreError> {
+    fn brick(
+        &self,
+        xyz: UVec3,
+        decoder: &mut Option<BrickReader>,
+    ) -> Result<Arc<Voxels>, StoreError> {
         let index = self.grid.index(xyz);
         // Not held while decoding: two threads may decode one brick, which costs time but no correctness.
         if let Some(found) = self.lock().get(&index) {
@@ -120,9 +133,12 @@ impl FieldReader<'_> {
         match self.field.stored_type {
             StoredType::U8 => f32::from(bytes[i]),
             StoredType::U16 => f32::from(u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]])),
-            StoredType::F32 => {
-                f32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]])
-            }
+            StoredType::F32 => f32::from_le_bytes([
+                bytes[4 * i],
+                bytes[4 * i + 1],
+                bytes[4 * i + 2],
+                bytes[4 * i + 3],
+            ]),
         }
     }
 

@@ -17,7 +17,12 @@ pub(super) fn phong(color: Vec3, gradient: Vec3, ray: Vec3, shading: &Shading) -
     let diffuse = normal.dot(to_light).abs();
     let half = to_light + to_eye;
     let half_length = half.length();
-    let highlight = if half_length > 1e-6 { (normal.dot(half) / half_length).abs() } else { 0.0 };
+    let highlight = if half_length > 1e-6 {
+        (normal.dot(half) / half_length).abs()
+    } else {
+        0.0
+    };
     let specular = shading.specular * highlight.powf(shading.shininess);
-    (color * (shading.ambient + shading.diffuse * diffuse) + Vec3::splat(specular)).clamp(Vec3::ZERO, Vec3::ONE)
+    (color * (shading.ambient + shading.diffuse * diffuse) + Vec3::splat(specular))
+        .clamp(Vec3::ZERO, Vec3::ONE)
 }

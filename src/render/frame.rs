@@ -3,9 +3,9 @@
 use glam::{DAffine3, DMat4, DVec3, DVec4, Vec3};
 
 use crate::camera::Projection;
+use crate::geom::BLOCK_EDGE;
 use crate::gpu::GpuContext;
 use crate::gpu::layout::{FLAG_SKIP, FrameUniforms};
-use crate::geom::BLOCK_EDGE;
 use crate::scene::{Classified, PictureSettings, RayFrame, Technique};
 
 use super::bindings;
@@ -54,7 +54,11 @@ impl FrameBindings {
                 mapped_at_creation: false,
             })
         };
-        let uniforms = buffer("frame.uniforms", size_of::<FrameUniforms>(), wgpu::BufferUsages::UNIFORM);
+        let uniforms = buffer(
+            "frame.uniforms",
+            size_of::<FrameUniforms>(),
+            wgpu::BufferUsages::UNIFORM,
+        );
         let lut = buffer("frame.lut", lut_entries * 16, wgpu::BufferUsages::STORAGE);
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame.layout"),
@@ -64,11 +68,22 @@ impl FrameBindings {
             label: Some("frame.group"),
             layout: &layout,
             entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: uniforms.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 1, resource: lut.as_entire_binding() },
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: uniforms.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: lut.as_entire_binding(),
+                },
             ],
         });
-        Self { uniforms, lut, layout, group }
+        Self {
+            uniforms,
+            lut,
+            layout,
+            group,
+        }
     }
 
     pub(super) fn bytes(&self) -> u64 {
@@ -76,16 +91,32 @@ impl FrameBindings {
     }
 
     pub(super) fn write_lut(&self, gpu: &GpuContext, classified: &Classified) {
-        gpu.queue.write_buffer(&self.lut, 0, bytemuck::cast_slice(classified.lut.entries()));
+        gpu.queue
+            .write_buffer(&self.lut, 0, bytemuck::cast_slice(classified.lut.entries()));
     }
 
-    pub(super) fn write(&self, gpu: &GpuContext, inputs: &FrameInputs<'_>, volume: &Residency, tile: Tile) {
-        gpu.queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms(inputs, volume, tile)));
+    pub(super) fn write(
+        &self,
+        gpu: &GpuContext,
+        inputs: &FrameInputs<'_>,
+        volume: &Residency,
+        tile: Tile,
+    ) {
+        gpu.queue.write_buffer(
+            &self.uniforms,
+            0,
+            bytemuck::bytes_of(&uniforms(inputs, volume, tile)),
+        );
     }
 }
 
 fn uniforms(inputs: &FrameInputs<'_>, volume: &Residency, tile: Tile) -> FrameUniforms {
-    let FrameInputs { rays, classified, settings, value_floor } = *inputs;
+    let FrameInputs {
+        rays,
+        classified,
+        settings,
+        value_floor,
+    } = *inputs;
     let depth = DepthRange::new(rays);
     let [lut_lo, lut_scale] = classified.lut.index_lo_scale();
     let shading = &settings.shading;
@@ -97,11 +128,21 @@ fn uniforms(inputs: &FrameInputs<'_>, volume: &Residency, tile: Tile) -> FrameUn
         level_origin: rays.level_origin.map(padded),
         box_min: padded(rays.box_min),
         box_max: padded(rays.box_max),
-        normal_from_gradient: rays.normal_from_gradient.to_cols_array_2d().map(|c| padded(Vec3::from_array(c))),
+        normal_from_gradient: rays
+            .normal_from_gradient
+            .to_cols_array_2d()
+            .map(|c| padded(Vec3::from_array(c))),
         to_light: light.map_or([0.0, 0.0, 0.0, 1.0], padded),
-        material: [shading.ambient, shading.diffuse, shading.specular, shading.shininess],
+        material: [
+            shading.ambient,
+            shading.diffuse,
+            shading.specular,
+            shading.shininess,
+        ],
         iso_color: padded(iso_color),
-        clip_from_offset: clip_from_offset(rays, depth, tile).as_mat4().to_cols_array_2d(),
+        clip_from_offset: clip_from_offset(rays, depth, tile)
+            .as_mat4()
+            .to_cols_array_2d(),
         anchor: rays.anchor.extend(0).to_array(),
         level_bricks: volume.level_bricks().extend(0).to_array(),
         indirection_origin: volume.indirection_origin().extend(0).to_array(),
@@ -111,7 +152,11 @@ fn uniforms(inputs: &FrameInputs<'_>, volume: &Residency, tile: Tile) -> FrameUn
         tile_origin: tile.origin,
         tile_size: tile.size,
         last_index: rays.last_index,
-        flags: if settings.technique == Technique::Default { FLAG_SKIP } else { 0 },
+        flags: if settings.technique == Technique::Default {
+            FLAG_SKIP
+        } else {
+            0
+        },
         step_mm: rays.step_mm,
         first_mm: rays.first_mm,
         near_mm: rays.near_mm,
@@ -156,12 +201,18 @@ impl DepthRange {
         let near = f64::from(rays.near_mm);
         match rays.projection {
             // Reversed f32 depth is equally precise at any near plane above 0; far below a voxel will do.
-            Projection::Perspective => Self { scale: near.max(rays.step_mm_exact * 1e-3), bias: 0.0 },
+            Projection::Perspective => Self {
+                scale: near.max(rays.step_mm_exact * 1e-3),
+                bias: 0.0,
+            },
             Projection::Orthographic => {
                 let far = rays.first_mm_exact
                     + f64::from(rays.last_index + 1) * rays.step_mm_exact
                     + block_diagonal_mm(rays);
-                Self { scale: far - near, bias: far }
+                Self {
+                    scale: far - near,
+                    bias: far,
+                }
             }
         }
     }
@@ -192,7 +243,10 @@ fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
     let margin = f64::from(BOUNDS_MARGIN);
     let [x0, y0] = tile.origin.map(|o| f64::from(o) - margin);
     let [w, h] = tile.size.map(|s| f64::from(s) + 2.0 * margin);
-    let crop = DMat4::from_translation(DVec3::new((width - 2.0 * x0) / w - 1.0, 1.0 - (height - 2.0 * y0) / h, 0.0))
-        * DMat4::from_scale(DVec3::new(width / w, height / h, 1.0));
+    let crop = DMat4::from_translation(DVec3::new(
+        (width - 2.0 * x0) / w - 1.0,
+        1.0 - (height - 2.0 * y0) / h,
+        0.0,
+    )) * DMat4::from_scale(DVec3::new(width / w, height / h, 1.0));
     crop * clip_from_view * view_from_offset
 }

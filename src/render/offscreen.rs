@@ -49,13 +49,21 @@ impl Renderer {
     pub fn new(gpu: &GpuContext) -> Result<Self, GpuError> {
         let frame = FrameBindings::new(gpu, LUT_ENTRIES);
         let bounds = BoundsPass::new(gpu, &frame)?;
-        Ok(Self { bounds, raycast: RaycastPass::new(gpu), frame, targets: None, timer: PassTimer::new(gpu, 4) })
+        Ok(Self {
+            bounds,
+            raycast: RaycastPass::new(gpu),
+            frame,
+            targets: None,
+            timer: PassTimer::new(gpu, 4),
+        })
     }
 
     /// The tile that pictures of `size` are cut into when per-pixel buffers may take `budget_bytes`.
     pub fn tile_size(size: [u32; 2], budget_bytes: u64) -> [u32; 2] {
         let mut tile = size.map(|s| s.min(TILE_EDGE));
-        while u64::from(tile[0]) * u64::from(tile[1]) * BYTES_PER_PIXEL > budget_bytes && tile != [64, 64] {
+        while u64::from(tile[0]) * u64::from(tile[1]) * BYTES_PER_PIXEL > budget_bytes
+            && tile != [64, 64]
+        {
             let longer = usize::from(tile[1] > tile[0]);
             tile[longer] = (tile[longer] / 2).max(64);
             if tile.iter().all(|&t| t <= 64) {
@@ -98,31 +106,63 @@ impl Renderer {
 
         let [width, height] = inputs.rays.size;
         let mut picture = OffscreenPicture {
-            image: Image { width, height, pixels: vec![Vec4::ZERO; width as usize * height as usize] },
+            image: Image {
+                width,
+                height,
+                pixels: vec![Vec4::ZERO; width as usize * height as usize],
+            },
             counts: RayCounts::default(),
             passes_ms: gpu.caps.timestamps.then(BTreeMap::new),
             frame_bytes: self.frame.bytes() + mesh_buffers.bytes() + Self::tile_bytes(tile),
         };
         for y in (0..height).step_by(tile[1] as usize) {
             for x in (0..width).step_by(tile[0] as usize) {
-                let part = Tile { origin: [x, y], size: [tile[0].min(width - x), tile[1].min(height - y)] };
+                let part = Tile {
+                    origin: [x, y],
+                    size: [tile[0].min(width - x), tile[1].min(height - y)],
+                };
                 // The depth buffers keep their size; a cut tile is drawn as a whole one whose rest nobody reads.
-                self.frame.write(gpu, inputs, volume, Tile { origin: part.origin, size: tile });
+                self.frame.write(
+                    gpu,
+                    inputs,
+                    volume,
+                    Tile {
+                        origin: part.origin,
+                        size: tile,
+                    },
+                );
                 let Some((_, bounds_targets, raycast_targets)) = &self.targets else {
                     unreachable!("invariant: the targets were just made")
                 };
                 let mut encoder =
-                    gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("offscreen.tile") });
+                    gpu.device
+                        .create_command_encoder(&wgpu::CommandEncoderDescriptor {
+                            label: Some("offscreen.tile"),
+                        });
                 let timer = &mut self.timer;
                 if settings.technique == Technique::Default {
-                    self.bounds.record(&mut encoder, &self.frame, &mesh_buffers, bounds_targets, mirrored, timer);
+                    self.bounds.record(
+                        &mut encoder,
+                        &self.frame,
+                        &mesh_buffers,
+                        bounds_targets,
+                        mirrored,
+                        timer,
+                    );
                 }
                 {
                     let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                         label: Some("raycast"),
                         timestamp_writes: timer.compute("raycast"),
                     });
-                    self.raycast.record(&mut pass, settings, &self.frame, volume, raycast_targets, part.size);
+                    self.raycast.record(
+                        &mut pass,
+                        settings,
+                        &self.frame,
+                        volume,
+                        raycast_targets,
+                        part.size,
+                    );
                 }
                 timer.resolve(&mut encoder);
                 gpu.queue.submit([encoder.finish()]);
@@ -140,16 +180,25 @@ impl Renderer {
         tile: [u32; 2],
         picture: &mut OffscreenPicture,
     ) -> Result<(), GpuError> {
-        let Some((_, _, targets)) = &self.targets else { return Ok(()) };
+        let Some((_, _, targets)) = &self.targets else {
+            return Ok(());
+        };
         let rows = u64::from(tile[0]) * u64::from(part.size[1]);
-        let [colors, counts] = read_buffers(gpu, [(&targets.picture, rows * 16), (&targets.counts, rows * 8)])?;
+        let [colors, counts] = read_buffers(
+            gpu,
+            [(&targets.picture, rows * 16), (&targets.counts, rows * 8)],
+        )?;
         let colors: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&colors);
         let counts: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&counts);
         let (stride, kept) = (tile[0] as usize, part.size[0] as usize);
         for row in 0..part.size[1] as usize {
             let from = row * stride;
-            let to = (part.origin[1] as usize + row) * picture.image.width as usize + part.origin[0] as usize;
-            for (pixel, color) in picture.image.pixels[to..to + kept].iter_mut().zip(&colors[from..]) {
+            let to = (part.origin[1] as usize + row) * picture.image.width as usize
+                + part.origin[0] as usize;
+            for (pixel, color) in picture.image.pixels[to..to + kept]
+                .iter_mut()
+                .zip(&colors[from..])
+            {
                 *pixel = Vec4::from_array(*color);
             }
             for [samples, skipped] in &counts[from..from + kept] {

@@ -45,12 +45,24 @@ impl AtlasFormat {
             StoredType::U8 => (wgpu::TextureFormat::R8Unorm, true, 255.0),
             StoredType::U16 if caps.unorm16 => (wgpu::TextureFormat::R16Unorm, true, 65535.0),
             StoredType::U16 => {
-                return Self { format: wgpu::TextureFormat::R16Uint, kind: AtlasKind::Uint, value_scale: 1.0 };
+                return Self {
+                    format: wgpu::TextureFormat::R16Uint,
+                    kind: AtlasKind::Uint,
+                    value_scale: 1.0,
+                };
             }
             StoredType::F32 => (wgpu::TextureFormat::R32Float, caps.float32_filterable, 1.0),
         };
-        let kind = if filter == SampleFilter::Hardware && filterable { AtlasKind::Filtered } else { AtlasKind::Float };
-        Self { format, kind, value_scale }
+        let kind = if filter == SampleFilter::Hardware && filterable {
+            AtlasKind::Filtered
+        } else {
+            AtlasKind::Float
+        };
+        Self {
+            format,
+            kind,
+            value_scale,
+        }
     }
 }
 
@@ -87,7 +99,13 @@ pub struct Residency {
 
 /// Texels of the indirection texture: levels side by side along x.
 fn indirection_size(grids: &[BrickGrid]) -> UVec3 {
-    grids.iter().fold(UVec3::ZERO, |size, g| UVec3::new(size.x + g.bricks.x, size.y.max(g.bricks.y), size.z.max(g.bricks.z)))
+    grids.iter().fold(UVec3::ZERO, |size, g| {
+        UVec3::new(
+            size.x + g.bricks.x,
+            size.y.max(g.bricks.y),
+            size.z.max(g.bricks.z),
+        )
+    })
 }
 
 impl Residency {
@@ -126,7 +144,11 @@ impl Residency {
             let texture = |label, size: UVec3, format| {
                 device.create_texture(&wgpu::TextureDescriptor {
                     label: Some(label),
-                    size: wgpu::Extent3d { width: size.x, height: size.y, depth_or_array_layers: size.z },
+                    size: wgpu::Extent3d {
+                        width: size.x,
+                        height: size.y,
+                        depth_or_array_layers: size.z,
+                    },
                     mip_level_count: 1,
                     sample_count: 1,
                     dimension: wgpu::TextureDimension::D3,
@@ -163,16 +185,35 @@ impl Residency {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             });
-            let views = [&atlas, &indirection].map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
+            let views = [&atlas, &indirection]
+                .map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
             let mut entries = vec![
-                wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&views[0]) },
-                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(&views[1]) },
-                wgpu::BindGroupEntry { binding: 3, resource: constants.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 4, resource: activity.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 5, resource: occupancy.as_entire_binding() },
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::TextureView(&views[0]),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: wgpu::BindingResource::TextureView(&views[1]),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 3,
+                    resource: constants.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 4,
+                    resource: activity.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 5,
+                    resource: occupancy.as_entire_binding(),
+                },
             ];
             if format.kind == AtlasKind::Filtered {
-                entries.push(wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&sampler) });
+                entries.push(wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::Sampler(&sampler),
+                });
             }
             let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("residency.group"),
@@ -234,7 +275,14 @@ impl Residency {
     }
 
     fn origin_of(&self, lod: Lod) -> UVec3 {
-        UVec3::new(self.grids[..usize::from(lod.0)].iter().map(|g| g.bricks.x).sum(), 0, 0)
+        UVec3::new(
+            self.grids[..usize::from(lod.0)]
+                .iter()
+                .map(|g| g.bricks.x)
+                .sum(),
+            0,
+            0,
+        )
     }
 
     fn word_mut(&mut self, brick: BrickId) -> &mut u32 {
@@ -275,7 +323,10 @@ impl Residency {
         let mut total = 0;
         for group in bricks.chunks(per_row) {
             for (i, (_, voxels)) in group.iter().enumerate() {
-                for (target, row) in staged.chunks_exact_mut(ROW_PITCH).zip(voxels.chunks_exact(row_bytes)) {
+                for (target, row) in staged
+                    .chunks_exact_mut(ROW_PITCH)
+                    .zip(voxels.chunks_exact(row_bytes))
+                {
                     target[i * row_bytes..(i + 1) * row_bytes].copy_from_slice(row);
                 }
             }
@@ -295,7 +346,11 @@ impl Residency {
                         wgpu::TexelCopyTextureInfo {
                             texture: &self.atlas,
                             mip_level: 0,
-                            origin: wgpu::Origin3d { x: at.x, y: at.y, z: at.z },
+                            origin: wgpu::Origin3d {
+                                x: at.x,
+                                y: at.y,
+                                z: at.z,
+                            },
                             aspect: wgpu::TextureAspect::All,
                         },
                         wgpu::Extent3d {
@@ -336,12 +391,15 @@ impl Residency {
                 values.push(value);
                 values.len() as u32 - 1
             });
-            *self.word_mut(BrickId::new(level.lod, grid.xyz(index))) = TAG_CONSTANT << TAG_SHIFT | place;
+            *self.word_mut(BrickId::new(level.lod, grid.xyz(index))) =
+                TAG_CONSTANT << TAG_SHIFT | place;
         }
-        gpu.queue.write_buffer(&self.constants, 0, bytemuck::cast_slice(&values));
+        gpu.queue
+            .write_buffer(&self.constants, 0, bytemuck::cast_slice(&values));
 
         let mut activity = vec![0_u32; grid.len().div_ceil(16) as usize];
-        let mut set = |index: u64, state: u32| activity[(index / 16) as usize] |= state << (index % 16 * 2);
+        let mut set =
+            |index: u64, state: u32| activity[(index / 16) as usize] |= state << (index % 16 * 2);
         const { assert!(BRICK_EMPTY == 0, "what is not set is empty") };
         let mut occupancy = vec![0_u32; self.shape.slot_count() as usize * 16];
         for &index in &level.active.constant {
@@ -355,27 +413,41 @@ impl Residency {
                 occupancy[slot.0 as usize * 16..][..16].copy_from_slice(bits.words());
             }
         }
-        gpu.queue.write_buffer(&self.activity, 0, bytemuck::cast_slice(&activity));
-        gpu.queue.write_buffer(&self.occupancy, 0, bytemuck::cast_slice(&occupancy));
+        gpu.queue
+            .write_buffer(&self.activity, 0, bytemuck::cast_slice(&activity));
+        gpu.queue
+            .write_buffer(&self.occupancy, 0, bytemuck::cast_slice(&occupancy));
 
         let size = self.indirection_size;
         for (row, words) in self.words.chunks_exact(size.x as usize).enumerate() {
             let (y, z) = (row as u32 % size.y, row as u32 / size.y);
-            staging.stage(gpu, bytemuck::cast_slice(words), |encoder, buffer, offset| {
-                encoder.copy_buffer_to_texture(
-                    wgpu::TexelCopyBufferInfo {
-                        buffer,
-                        layout: wgpu::TexelCopyBufferLayout { offset, bytes_per_row: None, rows_per_image: None },
-                    },
-                    wgpu::TexelCopyTextureInfo {
-                        texture: &self.indirection,
-                        mip_level: 0,
-                        origin: wgpu::Origin3d { x: 0, y, z },
-                        aspect: wgpu::TextureAspect::All,
-                    },
-                    wgpu::Extent3d { width: size.x, height: 1, depth_or_array_layers: 1 },
-                );
-            })?;
+            staging.stage(
+                gpu,
+                bytemuck::cast_slice(words),
+                |encoder, buffer, offset| {
+                    encoder.copy_buffer_to_texture(
+                        wgpu::TexelCopyBufferInfo {
+                            buffer,
+                            layout: wgpu::TexelCopyBufferLayout {
+                                offset,
+                                bytes_per_row: None,
+                                rows_per_image: None,
+                            },
+                        },
+                        wgpu::TexelCopyTextureInfo {
+                            texture: &self.indirection,
+                            mip_level: 0,
+                            origin: wgpu::Origin3d { x: 0, y, z },
+                            aspect: wgpu::TextureAspect::All,
+                        },
+                        wgpu::Extent3d {
+                            width: size.x,
+                            height: 1,
+                            depth_or_array_layers: 1,
+                        },
+                    );
+                },
+            )?;
         }
         staging.flush(gpu)
     }

@@ -43,10 +43,16 @@ impl Classified {
     ///
     /// # Errors
     /// Mode iso without a value.
-    pub fn new(settings: &PictureSettings, meta: &StoreMeta, step_mm: f64) -> Result<Self, SceneError> {
+    pub fn new(
+        settings: &PictureSettings,
+        meta: &StoreMeta,
+        step_mm: f64,
+    ) -> Result<Self, SceneError> {
         let classification = &settings.classification;
         let spacing = meta.spacing();
-        let unit_mm = classification.opacity_unit_mm.unwrap_or_else(|| spacing.min_element());
+        let unit_mm = classification
+            .opacity_unit_mm
+            .unwrap_or_else(|| spacing.min_element());
         let correction = match settings.mode {
             Mode::Dvr => OpacityCorrection::Step { step_mm, unit_mm },
             Mode::Iso | Mode::Mip => OpacityCorrection::None,
@@ -58,20 +64,37 @@ impl Classified {
         let lut = Lut::bake(&classification.transfer, line, domain, correction);
         let (visibility, iso_stored) = match settings.mode {
             Mode::Dvr => (Visibility::opacity(&lut), 0.0),
-            Mode::Mip => (Visibility::AboveMinimum { floor: meta.value_min as f32 }, 0.0),
+            Mode::Mip => (
+                Visibility::AboveMinimum {
+                    floor: meta.value_min as f32,
+                },
+                0.0,
+            ),
             Mode::Iso => {
                 let iso = classification.iso.ok_or(SceneError::NoIsoValue)?;
                 // A hair below the value, so that a flat region of exactly that value is inside whatever rounding does.
-                let stored = (rescale.stored(iso.value) - f64::from(data[1] - data[0]) * 1e-6) as f32;
+                let stored =
+                    (rescale.stored(iso.value) - f64::from(data[1] - data[0]) * 1e-6) as f32;
                 (Visibility::iso(&[stored], data), stored)
             }
         };
-        Ok(Self { lut, visibility, iso_stored })
+        Ok(Self {
+            lut,
+            visibility,
+            iso_stored,
+        })
     }
 }
 
-/// The window of the default grey ramp, physical: the 1st to the 99.9th percentile of the voxels above the minimum.
+/// The window of the default grey ramp, physical: the 1st to the 99.9th percentile of the voxels above the minimum. Where
+/// both are one value (a mask), it begins at the minimum, so that the value shows.
 pub fn default_window(meta: &StoreMeta) -> [f64; 2] {
-    let ends = [meta.percentiles.p1_above_min, meta.percentiles.p99_9_above_min].map(|stored| meta.rescale.physical(stored));
+    let percentiles = &meta.percentiles;
+    let low = if percentiles.p1_above_min < percentiles.p99_9_above_min {
+        percentiles.p1_above_min
+    } else {
+        meta.value_min
+    };
+    let ends = [low, percentiles.p99_9_above_min].map(|stored| meta.rescale.physical(stored));
     [ends[0].min(ends[1]), ends[0].max(ends[1])]
 }

@@ -13,7 +13,13 @@ use crate::geom::Aabb;
 /// The rendered box in continuous level-0 voxel coordinates: from the first to the last voxel centre on each axis; a
 /// one-voxel axis is one voxel thick (design.md §3).
 fn rendered_box(dims: U64Vec3) -> Aabb {
-    let axis = |n: u64| if n == 1 { (0.0, 1.0) } else { (0.5, n as f64 - 0.5) };
+    let axis = |n: u64| {
+        if n == 1 {
+            (0.0, 1.0)
+        } else {
+            (0.5, n as f64 - 0.5)
+        }
+    };
     let (x, y, z) = (axis(dims.x), axis(dims.y), axis(dims.z));
     Aabb::new(DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1))
 }
@@ -26,7 +32,11 @@ fn world_from_voxel(world_from_index: &DAffine3) -> DAffine3 {
 /// Centre and radius (world mm) of the sphere around the rendered box of a volume of `dims` voxels.
 pub fn volume_bounds(dims: U64Vec3, world_from_index: &DAffine3) -> BoundingSphere {
     let to_world = world_from_voxel(world_from_index);
-    BoundingSphere::of_corners(&rendered_box(dims).corners().map(|c| to_world.transform_point3(c)))
+    BoundingSphere::of_corners(
+        &rendered_box(dims)
+            .corners()
+            .map(|c| to_world.transform_point3(c)),
+    )
 }
 
 /// The sample grid of one frame at one level. A pixel (px, py) has the image-plane coordinates
@@ -98,8 +108,10 @@ impl RayFrame {
             world_from_voxel(&params.world_from_index) * DAffine3::from_scale(params.level_scale);
         let level_from_world = world_from_level.inverse();
         let columns = params.world_from_index.matrix3;
-        let min_spacing =
-            [columns.x_axis, columns.y_axis, columns.z_axis].into_iter().map(DVec3::length).fold(f64::MAX, f64::min);
+        let min_spacing = [columns.x_axis, columns.y_axis, columns.z_axis]
+            .into_iter()
+            .map(DVec3::length)
+            .fold(f64::MAX, f64::min);
         let step_mm = params.step * min_spacing * f64::from(1_u32 << params.lod.min(31));
 
         let bounds = volume_bounds(params.dims, &params.world_from_index);
@@ -112,14 +124,23 @@ impl RayFrame {
         let first_mm = first_index * step_mm;
         let last_index = ((center_mm + bounds.radius) / step_mm).ceil() - first_index;
         if last_index.is_nan() || last_index.abs() >= f64::from(1_u32 << 30) {
-            return Err(SceneError::TooManySamples { samples: last_index, step_mm });
+            return Err(SceneError::TooManySamples {
+                samples: last_index,
+                step_mm,
+            });
         }
 
         let half_extent = view.half_extent;
         let (across, upward) = (basis.right * half_extent[0], basis.up * half_extent[1]);
         let (world_dir, world_origin) = match camera.projection {
-            Projection::Perspective => ([basis.forward, across, upward], [camera.eye, DVec3::ZERO, DVec3::ZERO]),
-            Projection::Orthographic => ([basis.forward, DVec3::ZERO, DVec3::ZERO], [camera.eye, across, upward]),
+            Projection::Perspective => (
+                [basis.forward, across, upward],
+                [camera.eye, DVec3::ZERO, DVec3::ZERO],
+            ),
+            Projection::Orthographic => (
+                [basis.forward, DVec3::ZERO, DVec3::ZERO],
+                [camera.eye, across, upward],
+            ),
         };
 
         let eye_level = level_from_world.transform_point3(camera.eye);
@@ -160,7 +181,10 @@ impl RayFrame {
     /// is inside or close).
     pub fn block_pixels(&self) -> f64 {
         let m = self.world_from_level.matrix3 * f64::from(crate::geom::BLOCK_EDGE);
-        let edge_mm = [m.x_axis, m.y_axis, m.z_axis].into_iter().map(DVec3::length).fold(0.0, f64::max);
+        let edge_mm = [m.x_axis, m.y_axis, m.z_axis]
+            .into_iter()
+            .map(DVec3::length)
+            .fold(0.0, f64::max);
         let pixel_mm = self.half_extent[1] * 2.0 / f64::from(self.size[1])
             * match self.projection {
                 Projection::Perspective => self.first_mm_exact,

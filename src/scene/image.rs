@@ -4,7 +4,7 @@ use glam::Vec4;
 
 use super::Background;
 
-/// Linear-light-agnostic display values: premultiplied RGBA per pixel, row 0 at the top, before the background.
+/// Display values as they are composited: premultiplied RGBA per pixel, row 0 at the top, before the background.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Pixels per row.
@@ -24,7 +24,9 @@ impl Image {
             .flat_map(|p| {
                 let [r, g, b, a] = match background {
                     Background::Color(c) => (p.truncate() + (1.0 - p.w) * c).extend(1.0).to_array(),
-                    Background::Transparent if p.w > 0.0 => (p.truncate() / p.w).extend(p.w).to_array(),
+                    Background::Transparent if p.w > 0.0 => {
+                        (p.truncate() / p.w).extend(p.w).to_array()
+                    }
                     Background::Transparent => [0.0; 4],
                 };
                 [to_byte(r), to_byte(g), to_byte(b), to_byte(a)]

@@ -15,7 +15,7 @@ pub use classified::{Classified, SceneError, default_window};
 pub use frame::{GridParams, RayFrame, volume_bounds};
 pub use image::Image;
 pub use settings::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, Shading, ShadingModel,
-    Technique,
+    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
+    Shading, ShadingModel, Technique,
 };
 pub use stats::{PictureStats, RayCounts};

@@ -70,7 +70,14 @@ pub struct Shading {
 
 impl Default for Shading {
     fn default() -> Self {
-        Self { model: ShadingModel::None, light: None, ambient: 0.15, diffuse: 0.8, specular: 0.15, shininess: 20.0 }
+        Self {
+            model: ShadingModel::None,
+            light: None,
+            ambient: 0.15,
+            diffuse: 0.8,
+            specular: 0.15,
+            shininess: 20.0,
+        }
     }
 }
 

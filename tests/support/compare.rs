@@ -34,16 +34,25 @@ impl fmt::Display for Difference {
 
 /// Compares two pictures channel by channel. Panics when their sizes differ.
 pub fn difference(a: &Image, b: &Image, bound: f32) -> Difference {
-    assert_eq!([a.width, a.height], [b.width, b.height], "pictures of one size");
-    let mut out = Difference { max: 0.0, mean: 0.0, beyond: 0, worst: [0, 0], values: [[0.0; 4]; 2] };
+    assert_eq!(
+        [a.width, a.height],
+        [b.width, b.height],
+        "pictures of one size"
+    );
+    let mut out = Difference {
+        max: 0.0,
+        mean: 0.0,
+        beyond: 0,
+        worst: [0, 0],
+        values: [[0.0; 4]; 2],
+    };
     let mut sum = 0.0_f64;
     for (i, (p, q)) in a.pixels.iter().zip(&b.pixels).enumerate() {
         let mut is_beyond = false;
         for (x, y) in p.to_array().into_iter().zip(q.to_array()) {
             let d = (x - y).abs();
             sum += f64::from(d);
-            // Written so that NaN is beyond.
-            is_beyond |= !(d <= bound + bound * x.abs().max(y.abs()));
+            is_beyond |= d.is_nan() || d > bound + bound * x.abs().max(y.abs());
             if d > out.max {
                 out.max = d;
                 out.worst = [i as u32 % a.width, i as u32 / a.width];
@@ -63,8 +72,18 @@ pub fn coverage(image: &Image) -> f64 {
 
 /// Panics unless both are equal to the bit, and show something.
 pub fn assert_same_bits(a: &Image, b: &Image, what: &str) {
-    let bits = |image: &Image| -> Vec<[u32; 4]> { image.pixels.iter().map(|p| p.to_array().map(f32::to_bits)).collect() };
-    assert!(bits(a) == bits(b), "{what}: not equal to the bit: {}", difference(a, b, 0.0));
+    let bits = |image: &Image| -> Vec<[u32; 4]> {
+        image
+            .pixels
+            .iter()
+            .map(|p| p.to_array().map(f32::to_bits))
+            .collect()
+    };
+    assert!(
+        bits(a) == bits(b),
+        "{what}: not equal to the bit: {}",
+        difference(a, b, 0.0)
+    );
 }
 
 /// Panics unless all but `allowed` pixels are within the twin bound.

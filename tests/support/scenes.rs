@@ -9,8 +9,8 @@ use brickscope::classify::{
 };
 use brickscope::engine::{DeviceChoice, Engine, EngineOptions, Picture};
 use brickscope::scene::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, Shading, ShadingModel,
-    Technique, volume_bounds,
+    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
+    Shading, ShadingModel, Technique, volume_bounds,
 };
 use brickscope::store::Store;
 use brickscope::volume::{VoxelSource, VoxelType};
@@ -29,13 +29,21 @@ pub struct TestStore {
 pub fn store_of(source: &mut dyn VoxelSource) -> TestStore {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("test.bsk");
-    bricking::brick(source, &path, &BrickOptions::default(), &NoProgress).expect("the source can be bricked");
-    TestStore { store: Arc::new(Store::open(&path).expect("a store just written opens")), _folder: folder }
+    bricking::brick(source, &path, &BrickOptions::default(), &NoProgress)
+        .expect("the source can be bricked");
+    TestStore {
+        store: Arc::new(Store::open(&path).expect("a store just written opens")),
+        _folder: folder,
+    }
 }
 
 /// A phantom's store.
 pub fn phantom(spec: &str) -> TestStore {
-    store_of(brickscope::input::open(spec, None).expect("a known phantom").as_mut())
+    store_of(
+        brickscope::input::open(spec, None)
+            .expect("a known phantom")
+            .as_mut(),
+    )
 }
 
 /// A volume of `dims` from a function of the voxel's centre (0–1 per axis) with values 0–1, stretched to the type.
@@ -62,7 +70,11 @@ pub fn field(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn(DVec3) -> f64
 /// A rotated, anisotropic, slightly sheared affine: nothing may rely on axes.
 pub fn oblique() -> DAffine3 {
     let rotation = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_x(0.3);
-    let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.1, 1.0, 0.0), DVec3::new(0.0, 0.15, 1.0));
+    let shear = DMat3::from_cols(
+        DVec3::X,
+        DVec3::new(0.1, 1.0, 0.0),
+        DVec3::new(0.0, 0.15, 1.0),
+    );
     DAffine3::from_mat3_translation(
         rotation * shear * DMat3::from_diagonal(DVec3::new(0.8, 1.1, 1.7)),
         DVec3::new(-30.0, 12.0, 5.0),
@@ -74,24 +86,45 @@ pub fn transfer(store: &Store, from: f64) -> TransferFunction {
     let meta = store.meta();
     let ends = [meta.value_min, meta.value_max].map(|v| meta.rescale.physical(v));
     let at = |t: f64| ends[0] + (ends[1] - ends[0]) * t;
-    let colors = [(0.0, [0.1, 0.1, 0.6]), (0.4, [0.9, 0.3, 0.1]), (0.7, [0.2, 0.8, 0.4]), (1.0, [1.0, 1.0, 0.9])];
-    let opacities = [(from, 0.0), (from + 0.15, 0.08), (0.6, 0.05), (0.8, 0.5), (1.0, 0.7)];
+    let colors = [
+        (0.0, [0.1, 0.1, 0.6]),
+        (0.4, [0.9, 0.3, 0.1]),
+        (0.7, [0.2, 0.8, 0.4]),
+        (1.0, [1.0, 1.0, 0.9]),
+    ];
+    let opacities = [
+        (from, 0.0),
+        (from + 0.15, 0.08),
+        (0.6, 0.05),
+        (0.8, 0.5),
+        (1.0, 0.7),
+    ];
     TransferFunction {
         name: "test".into(),
         color: ColorCurve::new(
-            colors.iter().map(|&(x, rgb)| ColorPoint { x: at(x), rgb }).collect(),
+            colors
+                .iter()
+                .map(|&(x, rgb)| ColorPoint { x: at(x), rgb })
+                .collect(),
             ColorSpace::Rgb,
         )
         .expect("rising points"),
-        opacity: OpacityCurve::new(opacities.iter().map(|&(x, a)| OpacityPoint::linear(at(x), a)).collect())
-            .expect("rising points"),
+        opacity: OpacityCurve::new(
+            opacities
+                .iter()
+                .map(|&(x, a)| OpacityPoint::linear(at(x), a))
+                .collect(),
+        )
+        .expect("rising points"),
     }
 }
 
 /// A picture of `store`: 128², step 0.5, orbit 35, 20; iso at half of the range.
 pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
     let meta = store.meta();
-    let half = meta.rescale.physical(0.5 * (meta.value_min + meta.value_max));
+    let half = meta
+        .rescale
+        .physical(0.5 * (meta.value_min + meta.value_max));
     let bounds = volume_bounds(meta.dims, &meta.world_from_index);
     PictureSettings {
         size: [128, 128],
@@ -100,10 +133,17 @@ pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
         classification: Classification {
             transfer: transfer(store, 0.25),
             opacity_unit_mm: None,
-            iso: Some(IsoSurface { value: half, color: Vec3::new(0.9, 0.8, 0.7) }),
+            iso: Some(IsoSurface {
+                value: half,
+                color: Vec3::new(0.9, 0.8, 0.7),
+            }),
         },
         shading: Shading {
-            model: if mode == Mode::Iso { ShadingModel::Phong } else { ShadingModel::None },
+            model: if mode == Mode::Iso {
+                ShadingModel::Phong
+            } else {
+                ShadingModel::None
+            },
             ..Shading::default()
         },
         step: 0.5,
@@ -119,11 +159,17 @@ pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
 /// A camera in the middle of the volume, looking along `direction`.
 pub fn inside(store: &Store, place: DVec3, direction: DVec3) -> Camera {
     let meta = store.meta();
-    let eye = meta.world_from_index.transform_point3(meta.dims.as_dvec3() * place);
+    let eye = meta
+        .world_from_index
+        .transform_point3(meta.dims.as_dvec3() * place);
     Camera {
         eye,
         target: eye + direction,
-        up: if direction.normalize().z.abs() > 0.9 { DVec3::Y } else { DVec3::Z },
+        up: if direction.normalize().z.abs() > 0.9 {
+            DVec3::Y
+        } else {
+            DVec3::Z
+        },
         fov_y_degrees: 60.0,
         projection: brickscope::camera::Projection::Perspective,
         near_mm: 0.0,
@@ -132,14 +178,20 @@ pub fn inside(store: &Store, place: DVec3, direction: DVec3) -> Camera {
 
 /// An engine on the software adapter.
 pub fn gpu(store: &TestStore, options: EngineOptions) -> Engine {
-    let options = EngineOptions { device: DeviceChoice::SoftwareGpu, ..options };
+    let options = EngineOptions {
+        device: DeviceChoice::SoftwareGpu,
+        ..options
+    };
     Engine::with_store(Arc::clone(&store.store), options)
         .expect("a graphics adapter: install mesa-vulkan-drivers, or set SKIP_GPU_TESTS=1")
 }
 
 /// The picture that the CPU reference draws.
 pub fn reference(store: &TestStore, settings: &PictureSettings) -> Picture {
-    let options = EngineOptions { device: DeviceChoice::Cpu, ..EngineOptions::default() };
+    let options = EngineOptions {
+        device: DeviceChoice::Cpu,
+        ..EngineOptions::default()
+    };
     Engine::with_store(Arc::clone(&store.store), options)
         .and_then(|mut engine| engine.render(settings))
         .expect("the reference draws")
@@ -147,5 +199,7 @@ pub fn reference(store: &TestStore, settings: &PictureSettings) -> Picture {
 
 /// The picture that the GPU draws with fresh caches.
 pub fn drawn(store: &TestStore, settings: &PictureSettings) -> Picture {
-    gpu(store, EngineOptions::default()).render(settings).expect("the GPU draws")
+    gpu(store, EngineOptions::default())
+        .render(settings)
+        .expect("the GPU draws")
 }

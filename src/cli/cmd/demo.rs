@@ -13,14 +13,15 @@ use super::render::write_picture;
 use crate::bricking::{self, BrickOptions, NoProgress};
 use crate::camera::{Camera, DEFAULT_FOV_Y_DEGREES};
 use crate::classify::{
-    ColorCurve, ColorPoint, ColorSpace, CurveError, OpacityCurve, OpacityPoint, TransferFunction, grey_ramp,
+    ColorCurve, ColorPoint, ColorSpace, CurveError, OpacityCurve, OpacityPoint, TransferFunction,
+    grey_ramp,
 };
 use crate::engine::{Engine, EngineOptions};
 use crate::input;
 use crate::outfile::Existing;
 use crate::scene::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings, Shading, ShadingModel,
-    Technique, default_window, volume_bounds,
+    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
+    Shading, ShadingModel, Technique, default_window, volume_bounds,
 };
 use crate::store::StoreMeta;
 
@@ -41,10 +42,14 @@ pub struct Args {}
 pub fn run(_args: &Args) -> anyhow::Result<ExitCode> {
     let begin = Instant::now();
     let folder = Path::new(FOLDER);
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {FOLDER} in the current folder"))?;
+    fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {FOLDER} in the current folder"))?;
     let store = folder.join("body.bsk");
     let mut source = input::open(VOLUME, None)?;
-    let options = BrickOptions { existing: Existing::Replace, ..BrickOptions::default() };
+    let options = BrickOptions {
+        existing: Existing::Replace,
+        ..BrickOptions::default()
+    };
     bricking::brick(source.as_mut(), &store, &options, &NoProgress)?;
     let mut engine = Engine::open(&store, EngineOptions::default())?;
     // When standard error is gone there is nobody to tell, but the pictures are wanted all the same.
@@ -69,13 +74,26 @@ pub fn run(_args: &Args) -> anyhow::Result<ExitCode> {
 fn pictures(meta: &StoreMeta) -> anyhow::Result<[(&'static str, PictureSettings); 3]> {
     let full = 4095.0;
     let bounds = volume_bounds(meta.dims, &meta.world_from_index);
-    let picture = |mode, azimuth: f64, elevation: f64, transfer, iso, model| -> anyhow::Result<PictureSettings> {
+    let picture = |mode,
+                   azimuth: f64,
+                   elevation: f64,
+                   transfer,
+                   iso,
+                   model|
+     -> anyhow::Result<PictureSettings> {
         Ok(PictureSettings {
             size: [512, 512],
             background: Background::Color(Vec3::ZERO),
             mode,
-            classification: Classification { transfer, opacity_unit_mm: None, iso },
-            shading: Shading { model, ..Shading::default() },
+            classification: Classification {
+                transfer,
+                opacity_unit_mm: None,
+                iso,
+            },
+            shading: Shading {
+                model,
+                ..Shading::default()
+            },
             step: 0.5,
             interpolation: Interpolation::Linear,
             refine: true,
@@ -87,11 +105,37 @@ fn pictures(meta: &StoreMeta) -> anyhow::Result<[(&'static str, PictureSettings)
     };
     let [low, high] = default_window(meta);
     let grey = |top| grey_ramp(low, high, top);
-    let bone = IsoSurface { value: 0.66 * full, color: IsoSurface::DEFAULT_COLOR };
+    let bone = IsoSurface {
+        value: 0.66 * full,
+        color: IsoSurface::DEFAULT_COLOR,
+    };
     Ok([
-        ("iso.png", picture(Mode::Iso, 30.0, 10.0, grey(0.5)?, Some(bone), ShadingModel::Phong)?),
-        ("dvr.png", picture(Mode::Dvr, 0.0, 0.0, tissues(full)?, None, ShadingModel::Phong)?),
-        ("mip.png", picture(Mode::Mip, 0.0, 0.0, grey(1.0)?, None, ShadingModel::None)?),
+        (
+            "iso.png",
+            picture(
+                Mode::Iso,
+                30.0,
+                10.0,
+                grey(0.5)?,
+                Some(bone),
+                ShadingModel::Phong,
+            )?,
+        ),
+        (
+            "dvr.png",
+            picture(
+                Mode::Dvr,
+                0.0,
+                0.0,
+                tissues(full)?,
+                None,
+                ShadingModel::Phong,
+            )?,
+        ),
+        (
+            "mip.png",
+            picture(Mode::Mip, 0.0, 0.0, grey(1.0)?, None, ShadingModel::None)?,
+        ),
     ])
 }
 
@@ -123,9 +167,17 @@ fn tissues(full: f64) -> Result<TransferFunction, CurveError> {
     Ok(TransferFunction {
         name: "demo".into(),
         color: ColorCurve::new(
-            colors.iter().map(|&(x, rgb)| ColorPoint { x: x * full, rgb }).collect(),
+            colors
+                .iter()
+                .map(|&(x, rgb)| ColorPoint { x: x * full, rgb })
+                .collect(),
             ColorSpace::Rgb,
         )?,
-        opacity: OpacityCurve::new(opacities.iter().map(|&(x, a)| OpacityPoint::linear(x * full, a)).collect())?,
+        opacity: OpacityCurve::new(
+            opacities
+                .iter()
+                .map(|&(x, a)| OpacityPoint::linear(x * full, a))
+                .collect(),
+        )?,
     })
 }

@@ -37,9 +37,17 @@ pub struct Args {
 /// # Errors
 /// The store is refused, the flags make no picture, the device fails, or a file can't be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let extension = args.output.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
+    let extension = args
+        .output
+        .extension()
+        .and_then(|e| e.to_str())
+        .unwrap_or_default()
+        .to_lowercase();
     if extension != "png" {
-        bail!("{}: pictures are written as .png; other formats are not built yet", args.output.display());
+        bail!(
+            "{}: pictures are written as .png; other formats are not built yet",
+            args.output.display()
+        );
     }
     // Before minutes of work: can the files be written at all?
     for path in std::iter::once(&args.output).chain(&args.stats) {
@@ -47,7 +55,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let mut engine = Engine::open(&args.store, args.picture.engine_options())?;
     let mut notes = Vec::new();
-    notes.extend(engine.fallback().map(|why| format!("drawing on the CPU: {why}")));
+    notes.extend(
+        engine
+            .fallback()
+            .map(|why| format!("drawing on the CPU: {why}")),
+    );
     let settings = args.picture.settings(engine.meta(), &mut notes)?;
     let picture = engine.render(&settings)?;
     notes.extend(picture.notes.iter().cloned());
@@ -57,16 +69,28 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     write_picture(&args.output, &picture, args.picture.background())?;
     if let Some(path) = &args.stats {
-        let json = serde_json::to_string_pretty(&picture.stats).context("writing the statistics")?;
+        let json =
+            serde_json::to_string_pretty(&picture.stats).context("writing the statistics")?;
         write_whole(path, Existing::Replace, format!("{json}\n").as_bytes())?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
 /// Writes `picture` over `background` as a PNG.
-pub(super) fn write_picture(path: &Path, picture: &Picture, background: Background) -> anyhow::Result<()> {
+pub(super) fn write_picture(
+    path: &Path,
+    picture: &Picture,
+    background: Background,
+) -> anyhow::Result<()> {
     let image = &picture.image;
     let opaque = background != Background::Transparent;
-    write_png(path, image.width, image.height, &image.to_rgba8(background), opaque, Existing::Replace)?;
+    write_png(
+        path,
+        image.width,
+        image.height,
+        &image.to_rgba8(background),
+        opaque,
+        Existing::Replace,
+    )?;
     Ok(())
 }

@@ -15,9 +15,24 @@ struct Draw {
 }
 
 const DRAWS: [Draw; 3] = [
-    Draw { name: "bounds.nearest_front", cull: wgpu::Face::Back, compare: wgpu::CompareFunction::Greater, clear: 0.0 },
-    Draw { name: "bounds.nearest_back", cull: wgpu::Face::Front, compare: wgpu::CompareFunction::Greater, clear: 0.0 },
-    Draw { name: "bounds.farthest_back", cull: wgpu::Face::Front, compare: wgpu::CompareFunction::Less, clear: 1.0 },
+    Draw {
+        name: "bounds.nearest_front",
+        cull: wgpu::Face::Back,
+        compare: wgpu::CompareFunction::Greater,
+        clear: 0.0,
+    },
+    Draw {
+        name: "bounds.nearest_back",
+        cull: wgpu::Face::Front,
+        compare: wgpu::CompareFunction::Greater,
+        clear: 0.0,
+    },
+    Draw {
+        name: "bounds.farthest_back",
+        cull: wgpu::Face::Front,
+        compare: wgpu::CompareFunction::Less,
+        clear: 1.0,
+    },
 ];
 
 /// The pipelines, for affines that keep and that mirror the orientation of faces.
@@ -39,11 +54,24 @@ impl MeshBuffers {
         use wgpu::util::DeviceExt;
         gpu.checked("uploading the bounding mesh", || {
             let buffer = |label, contents, usage| {
-                gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
+                gpu.device
+                    .create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                        label: Some(label),
+                        contents,
+                        usage,
+                    })
             };
             Ok(Self {
-                vertices: buffer("bounds.vertices", bytemuck::cast_slice(&mesh.vertices), wgpu::BufferUsages::VERTEX),
-                indices: buffer("bounds.indices", bytemuck::cast_slice(&mesh.indices), wgpu::BufferUsages::INDEX),
+                vertices: buffer(
+                    "bounds.vertices",
+                    bytemuck::cast_slice(&mesh.vertices),
+                    wgpu::BufferUsages::VERTEX,
+                ),
+                indices: buffer(
+                    "bounds.indices",
+                    bytemuck::cast_slice(&mesh.indices),
+                    wgpu::BufferUsages::INDEX,
+                ),
                 index_count: mesh.indices.len() as u32,
             })
         })
@@ -66,12 +94,17 @@ impl BoundsTargets {
             gpu.device
                 .create_texture(&wgpu::TextureDescriptor {
                     label: Some(draw.name),
-                    size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+                    size: wgpu::Extent3d {
+                        width: size[0],
+                        height: size[1],
+                        depth_or_array_layers: 1,
+                    },
                     mip_level_count: 1,
                     sample_count: 1,
                     dimension: wgpu::TextureDimension::D2,
                     format: wgpu::TextureFormat::Depth32Float,
-                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                        | wgpu::TextureUsages::TEXTURE_BINDING,
                     view_formats: &[],
                 })
                 .create_view(&wgpu::TextureViewDescriptor::default())
@@ -81,48 +114,55 @@ impl BoundsTargets {
 }
 
 impl BoundsPass {
-    pub(in crate::render) fn new(gpu: &GpuContext, frame: &FrameBindings) -> Result<Self, GpuError> {
+    pub(in crate::render) fn new(
+        gpu: &GpuContext,
+        frame: &FrameBindings,
+    ) -> Result<Self, GpuError> {
         let module = shader::BOUNDS.compile(gpu)?;
         gpu.checked("building the mesh raster", || {
-            let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some("bounds.pipeline"),
-                bind_group_layouts: &[Some(&frame.layout)],
-                immediate_size: 0,
-            });
+            let layout = gpu
+                .device
+                .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                    label: Some("bounds.pipeline"),
+                    bind_group_layouts: &[Some(&frame.layout)],
+                    immediate_size: 0,
+                });
             let pipeline = |draw: Draw, front_face| {
-                gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-                    label: Some(draw.name),
-                    layout: Some(&layout),
-                    vertex: wgpu::VertexState {
-                        module: &module,
-                        entry_point: Some("bounds_vertex"),
-                        compilation_options: wgpu::PipelineCompilationOptions::default(),
-                        buffers: &[Some(wgpu::VertexBufferLayout {
-                            array_stride: size_of::<[u16; 4]>() as u64,
-                            step_mode: wgpu::VertexStepMode::Vertex,
-                            attributes: &wgpu::vertex_attr_array![0 => Uint16x4],
-                        })],
-                    },
-                    primitive: wgpu::PrimitiveState {
-                        cull_mode: Some(draw.cull),
-                        front_face,
-                        ..Default::default()
-                    },
-                    depth_stencil: Some(wgpu::DepthStencilState {
-                        format: wgpu::TextureFormat::Depth32Float,
-                        depth_write_enabled: Some(true),
-                        depth_compare: Some(draw.compare),
-                        stencil: wgpu::StencilState::default(),
-                        bias: wgpu::DepthBiasState::default(),
-                    }),
-                    multisample: wgpu::MultisampleState::default(),
-                    fragment: None,
-                    multiview_mask: None,
-                    cache: None,
-                })
+                gpu.device
+                    .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                        label: Some(draw.name),
+                        layout: Some(&layout),
+                        vertex: wgpu::VertexState {
+                            module: &module,
+                            entry_point: Some("bounds_vertex"),
+                            compilation_options: wgpu::PipelineCompilationOptions::default(),
+                            buffers: &[Some(wgpu::VertexBufferLayout {
+                                array_stride: size_of::<[u16; 4]>() as u64,
+                                step_mode: wgpu::VertexStepMode::Vertex,
+                                attributes: &wgpu::vertex_attr_array![0 => Uint16x4],
+                            })],
+                        },
+                        primitive: wgpu::PrimitiveState {
+                            cull_mode: Some(draw.cull),
+                            front_face,
+                            ..Default::default()
+                        },
+                        depth_stencil: Some(wgpu::DepthStencilState {
+                            format: wgpu::TextureFormat::Depth32Float,
+                            depth_write_enabled: Some(true),
+                            depth_compare: Some(draw.compare),
+                            stencil: wgpu::StencilState::default(),
+                            bias: wgpu::DepthBiasState::default(),
+                        }),
+                        multisample: wgpu::MultisampleState::default(),
+                        fragment: None,
+                        multiview_mask: None,
+                        cache: None,
+                    })
             };
             Ok(Self {
-                pipelines: [wgpu::FrontFace::Ccw, wgpu::FrontFace::Cw].map(|face| DRAWS.map(|d| pipeline(d, face))),
+                pipelines: [wgpu::FrontFace::Ccw, wgpu::FrontFace::Cw]
+                    .map(|face| DRAWS.map(|d| pipeline(d, face))),
             })
         })
     }
@@ -137,7 +177,11 @@ impl BoundsPass {
         mirrored: bool,
         timer: &mut PassTimer,
     ) {
-        for ((draw, view), pipeline) in DRAWS.iter().zip(&targets.views).zip(&self.pipelines[usize::from(mirrored)]) {
+        for ((draw, view), pipeline) in DRAWS
+            .iter()
+            .zip(&targets.views)
+            .zip(&self.pipelines[usize::from(mirrored)])
+        {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some(draw.name),
                 color_attachments: &[],

@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 
 use super::BoundsTargets;
+use crate::camera::Projection;
 use crate::gpu::{GpuContext, GpuError, shader};
 use crate::render::bindings;
 use crate::render::frame::FrameBindings;
 use crate::render::residency::{AtlasKind, Residency};
-use crate::camera::Projection;
 use crate::scene::{Interpolation, Mode, PictureSettings, ShadingModel};
 
 /// Pixels of a work-group.
@@ -57,11 +57,16 @@ pub(in crate::render) struct RaycastTargets {
 
 impl RaycastPass {
     pub(in crate::render) fn new(gpu: &GpuContext) -> Self {
-        let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("raycast.layout"),
-            entries: bindings::RAYCAST,
-        });
-        Self { layout, pipelines: HashMap::new() }
+        let layout = gpu
+            .device
+            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some("raycast.layout"),
+                entries: bindings::RAYCAST,
+            });
+        Self {
+            layout,
+            pipelines: HashMap::new(),
+        }
     }
 
     pub(in crate::render) fn targets(
@@ -91,11 +96,21 @@ impl RaycastPass {
                 view(0),
                 view(1),
                 view(2),
-                wgpu::BindGroupEntry { binding: 3, resource: picture.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 4, resource: counts.as_entire_binding() },
+                wgpu::BindGroupEntry {
+                    binding: 3,
+                    resource: picture.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 4,
+                    resource: counts.as_entire_binding(),
+                },
             ],
         });
-        RaycastTargets { picture, counts, group }
+        RaycastTargets {
+            picture,
+            counts,
+            group,
+        }
     }
 
     /// Builds the pipeline for these settings, if it isn't there yet.
@@ -122,29 +137,37 @@ impl RaycastPass {
             Mode::Mip => "cast_mip",
         };
         let pipeline = gpu.checked("building the raycaster", || {
-            let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some("raycast.pipeline"),
-                bind_group_layouts: &[Some(&frame.layout), Some(&volume.layout), Some(&self.layout)],
-                immediate_size: 0,
-            });
-            Ok(gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some("raycast.pipeline"),
-                layout: Some(&layout),
-                module: &module,
-                entry_point: Some(entry_point),
-                compilation_options: wgpu::PipelineCompilationOptions {
-                    constants: &[
-                        ("GROUP_WIDTH", f64::from(GROUP[0])),
-                        ("GROUP_HEIGHT", f64::from(GROUP[1])),
-                        ("SHADED", f64::from(u8::from(variant.shaded))),
-                        ("REFINED", f64::from(u8::from(variant.refined))),
-                        ("NEAREST", f64::from(u8::from(variant.nearest))),
-                        ("ORTHOGRAPHIC", f64::from(u8::from(variant.orthographic))),
+            let layout = gpu
+                .device
+                .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                    label: Some("raycast.pipeline"),
+                    bind_group_layouts: &[
+                        Some(&frame.layout),
+                        Some(&volume.layout),
+                        Some(&self.layout),
                     ],
-                    ..Default::default()
-                },
-                cache: None,
-            }))
+                    immediate_size: 0,
+                });
+            Ok(gpu
+                .device
+                .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label: Some("raycast.pipeline"),
+                    layout: Some(&layout),
+                    module: &module,
+                    entry_point: Some(entry_point),
+                    compilation_options: wgpu::PipelineCompilationOptions {
+                        constants: &[
+                            ("GROUP_WIDTH", f64::from(GROUP[0])),
+                            ("GROUP_HEIGHT", f64::from(GROUP[1])),
+                            ("SHADED", f64::from(u8::from(variant.shaded))),
+                            ("REFINED", f64::from(u8::from(variant.refined))),
+                            ("NEAREST", f64::from(u8::from(variant.nearest))),
+                            ("ORTHOGRAPHIC", f64::from(u8::from(variant.orthographic))),
+                        ],
+                        ..Default::default()
+                    },
+                    cache: None,
+                }))
         })?;
         self.pipelines.insert(variant, pipeline);
         Ok(())
@@ -160,8 +183,10 @@ impl RaycastPass {
         targets: &RaycastTargets,
         size: [u32; 2],
     ) {
-        let pipeline =
-            self.pipelines.get(&Variant::new(settings, volume)).expect("invariant: prepared before recorded");
+        let pipeline = self
+            .pipelines
+            .get(&Variant::new(settings, volume))
+            .expect("invariant: prepared before recorded");
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &frame.group, &[]);
         pass.set_bind_group(1, &volume.group, &[]);
