@@ -93,7 +93,16 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         }
         let entry = (*walk).at;
         if activity == BRICK_FULL {
-            walk_cross_brick(ray, walk, brick);
+            // Neighbouring full bricks are one run.
+            var full = brick;
+            loop {
+                walk_cross_brick(ray, walk, full);
+                full = (*walk).block >> vec3u(BLOCKS_SHIFT);
+                if (*walk).at > (*walk).end || any(full < vec3i(0)) || any(full >= bricks)
+                    || walk_activity(clamp(full, vec3i(0), bricks - 1)) != BRICK_FULL {
+                    break;
+                }
+            }
             if walk_take(ray, walk, entry) {
                 return true;
             }
@@ -103,10 +112,17 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         let slot = brick_word(brick) & PAYLOAD_MASK;
         let row = ((slot >> 20u) * frame.atlas_slots.y + ((slot >> 10u) & 1023u)) * frame.atlas_slots.x + (slot & 1023u);
         var started = -1.0;
+        // The word of occupancy in hand.
+        var held = 16u;
+        var bits = 0u;
         loop {
             let in_brick = (*walk).block & vec3i(i32(BLOCKS_PER_EDGE) - 1);
             let bit = u32(in_brick.x + i32(BLOCKS_PER_EDGE) * (in_brick.y + i32(BLOCKS_PER_EDGE) * in_brick.z));
-            let is_active = ((occupancy[row * 16u + (bit >> 5u)] >> (bit & 31u)) & 1u) != 0u;
+            if (bit >> 5u) != held {
+                held = bit >> 5u;
+                bits = occupancy[row * 16u + held];
+            }
+            let is_active = ((bits >> (bit & 31u)) & 1u) != 0u;
             if is_active {
                 if started < 0.0 {
                     started = (*walk).at;
