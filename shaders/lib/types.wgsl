@@ -52,7 +52,8 @@ struct FrameUniforms {
     value_scale: f32,
     // The least stored value of the volume.
     value_floor: f32,
-    pad0: f32,
+    // Work-group number w casts group (w · group_stride) mod (number of groups).
+    group_stride: u32,
     pad1: f32,
     pad2: f32,
 }

@@ -14,6 +14,13 @@ override GROUP_HEIGHT: u32 = 8u;
 override SHADED: bool = false;
 override REFINED: bool = true;
 
+// The first pixel of a work-group. Software adapters give each thread a contiguous range of groups: a stride spreads the
+// costly parts of the picture over all of them (render::frame::group_stride).
+fn pixel_of_group(group: vec2u, groups: vec2u) -> vec2u {
+    let number = (group.y * groups.x + group.x) * frame.group_stride % (groups.x * groups.y);
+    return vec2u(number % groups.x, number / groups.x) * vec2u(GROUP_WIDTH, GROUP_HEIGHT);
+}
+
 fn start_walk(ray: Ray, tile_pixel: vec2u) -> Walk {
     if frame_has(FLAG_SKIP) {
         return walk_begin(ray, interval_of_pixel(tile_pixel, ray.stretch));
@@ -44,12 +51,17 @@ fn write_pixel(tile_pixel: vec2u, color: vec4f, samples: u32, walk: Walk, ray: R
 // (ARCHITECTURE.md, "Decisions"). A run is never empty.
 
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
-fn cast_dvr(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= frame.tile_size) {
+fn cast_dvr(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_id) local: vec3u,
+) {
+    let tile_pixel = pixel_of_group(group.xy, groups.xy) + local.xy;
+    if any(tile_pixel >= frame.tile_size) {
         return;
     }
-    let ray = ray_for_pixel(frame.tile_origin + id.xy);
-    var walk = start_walk(ray, id.xy);
+    let ray = ray_for_pixel(frame.tile_origin + tile_pixel);
+    var walk = start_walk(ray, tile_pixel);
     var sum = vec4f(0.0);
     var samples = 0u;
     var terminated = false;
@@ -80,16 +92,21 @@ fn cast_dvr(@builtin(global_invocation_id) id: vec3u) {
         }
         more = !terminated && next_run(ray, &walk);
     }
-    write_pixel(id.xy, sum, samples, walk, ray, terminated);
+    write_pixel(tile_pixel, sum, samples, walk, ray, terminated);
 }
 
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
-fn cast_mip(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= frame.tile_size) {
+fn cast_mip(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_id) local: vec3u,
+) {
+    let tile_pixel = pixel_of_group(group.xy, groups.xy) + local.xy;
+    if any(tile_pixel >= frame.tile_size) {
         return;
     }
-    let ray = ray_for_pixel(frame.tile_origin + id.xy);
-    var walk = start_walk(ray, id.xy);
+    let ray = ray_for_pixel(frame.tile_origin + tile_pixel);
+    var walk = start_walk(ray, tile_pixel);
     // Blocks that hold nothing above the volume's minimum are skipped: this is their maximum.
     var greatest = frame.value_floor;
     var samples = 0u;
@@ -119,16 +136,21 @@ fn cast_mip(@builtin(global_invocation_id) id: vec3u) {
         let classified = classify_value(greatest);
         color = vec4f(classified.rgb * classified.a, classified.a);
     }
-    write_pixel(id.xy, color, samples, walk, ray, false);
+    write_pixel(tile_pixel, color, samples, walk, ray, false);
 }
 
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
-fn cast_iso(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= frame.tile_size) {
+fn cast_iso(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_id) local: vec3u,
+) {
+    let tile_pixel = pixel_of_group(group.xy, groups.xy) + local.xy;
+    if any(tile_pixel >= frame.tile_size) {
         return;
     }
-    let ray = ray_for_pixel(frame.tile_origin + id.xy);
-    var walk = start_walk(ray, id.xy);
+    let ray = ray_for_pixel(frame.tile_origin + tile_pixel);
+    var walk = start_walk(ray, tile_pixel);
     var samples = 0u;
     var above_before = false;
     // The sample that `above_before` belongs to: a run that doesn't continue the last one starts afresh.
@@ -164,7 +186,7 @@ fn cast_iso(@builtin(global_invocation_id) id: vec3u) {
     if SHADED {
         surface = shade_phong(surface, sample_gradient(brick_at(offset), offset), ray.direction);
     }
-    write_pixel(id.xy, select(vec4f(0.0), vec4f(surface, 1.0), hit), samples, walk, ray, hit);
+    write_pixel(tile_pixel, select(vec4f(0.0), vec4f(surface, 1.0), hit), samples, walk, ray, hit);
 }
 
 // Six bisection steps between sample `index`, on the new side, and the one before (techniques.md T1.3).

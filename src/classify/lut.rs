@@ -123,14 +123,6 @@ impl Lut {
         self.index_lo_scale
     }
 
-    /// The index as x = v · scale + bias: one operation less, but off by up to |lo| · scale · 2⁻²³ entries, and compilers
-    /// may fuse it. Not what [`Lut::sample`] does.
-    pub fn index_scale_bias(&self) -> [f32; 2] {
-        let [lo, hi] = self.domain;
-        let scale = (LUT_ENTRIES - 1) as f64 / (hi - lo);
-        [scale as f32, (-lo * scale) as f32]
-    }
-
     /// The position of `stored` in the table, 0 to [`LUT_ENTRIES`] − 1; NaN is at 0.
     pub fn index(&self, stored: f32) -> f32 {
         let [lo, scale] = self.index_lo_scale;

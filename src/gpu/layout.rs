@@ -68,7 +68,7 @@ shared! {
         lut_last: f32,
         value_scale: f32,
         value_floor: f32,
-        pad0: f32,
+        group_stride: u32,
         pad1: f32,
         pad2: f32,
     }

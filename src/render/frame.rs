@@ -101,16 +101,41 @@ impl FrameBindings {
         inputs: &FrameInputs<'_>,
         volume: &Residency,
         tile: Tile,
+        groups: u32,
     ) {
+        let stride = if gpu.caps.is_software {
+            spreading_stride(groups)
+        } else {
+            1
+        };
         gpu.queue.write_buffer(
             &self.uniforms,
             0,
-            bytemuck::bytes_of(&uniforms(inputs, volume, tile)),
+            bytemuck::bytes_of(&uniforms(inputs, volume, tile, stride)),
         );
     }
 }
 
-fn uniforms(inputs: &FrameInputs<'_>, volume: &Residency, tile: Tile) -> FrameUniforms {
+/// A stride through `count` work-groups that meets each once and spreads neighbours far apart: near the golden section of
+/// `count`, and coprime with it. At most 2¹⁴ groups make a tile, so that number times stride fits 32 bits.
+fn spreading_stride(count: u32) -> u32 {
+    let coprime = |a: u32| {
+        let (mut a, mut b) = (a, count);
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a == 1
+    };
+    let golden = (f64::from(count) * 0.618) as u32;
+    (golden.max(1)..count).find(|&s| coprime(s)).unwrap_or(1)
+}
+
+fn uniforms(
+    inputs: &FrameInputs<'_>,
+    volume: &Residency,
+    tile: Tile,
+    group_stride: u32,
+) -> FrameUniforms {
     let FrameInputs {
         rays,
         classified,
@@ -170,7 +195,7 @@ fn uniforms(inputs: &FrameInputs<'_>, volume: &Residency, tile: Tile) -> FrameUn
         lut_last: (classified.lut.entries().len() - 1) as f32,
         value_scale: volume.value_scale(),
         value_floor,
-        pad0: 0.0,
+        group_stride,
         pad1: 0.0,
         pad2: 0.0,
     }
@@ -249,4 +274,23 @@ fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
         0.0,
     )) * DMat4::from_scale(DVec3::new(width / w, height / h, 1.0));
     crop * clip_from_view * view_from_offset
+}
+
+#[cfg(test)]
+mod tests {
+    use super::spreading_stride;
+
+    #[test]
+    fn every_group_is_met_once() {
+        for count in [1, 2, 3, 7, 8, 64, 1000, 4096, 128 * 96, 1 << 14] {
+            let stride = spreading_stride(count);
+            let met: std::collections::BTreeSet<u32> =
+                (0..count).map(|w| w * stride % count).collect();
+            assert_eq!(
+                met.len() as u32,
+                count,
+                "{count} groups with stride {stride}"
+            );
+        }
+    }
 }

@@ -130,6 +130,7 @@ impl Renderer {
                         origin: part.origin,
                         size: tile,
                     },
+                    RaycastPass::group_count(part.size).element_product(),
                 );
                 let Some((_, bounds_targets, raycast_targets)) = &self.targets else {
                     unreachable!("invariant: the targets were just made")

@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use glam::UVec2;
+
 use super::BoundsTargets;
 use crate::camera::Projection;
 use crate::gpu::{GpuContext, GpuError, shader};
@@ -173,6 +175,11 @@ impl RaycastPass {
         Ok(())
     }
 
+    /// Work-groups along x and y that a tile of `size` pixels takes.
+    pub(in crate::render) fn group_count(size: [u32; 2]) -> UVec2 {
+        UVec2::new(size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]))
+    }
+
     /// Casts a tile of `size` pixels. The pipeline must have been prepared.
     pub(in crate::render) fn record(
         &self,
@@ -191,6 +198,7 @@ impl RaycastPass {
         pass.set_bind_group(0, &frame.group, &[]);
         pass.set_bind_group(1, &volume.group, &[]);
         pass.set_bind_group(2, &targets.group, &[]);
-        pass.dispatch_workgroups(size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]), 1);
+        let groups = Self::group_count(size);
+        pass.dispatch_workgroups(groups.x, groups.y, 1);
     }
 }
