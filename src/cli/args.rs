@@ -87,14 +87,19 @@ pub fn voxel_box(s: &str) -> Result<VoxelBox, String> {
         })
 }
 
-/// `WxH`: a picture's size in pixels, each from 1 to 65536.
+/// Most pixels of a picture: it is held in memory whole, at 20 bytes a pixel.
+const MOST_PIXELS: u64 = 1 << 28;
+
+/// `WxH`: a picture's size in pixels, each from 1 to 65536, at most 2²⁸ together.
 pub fn picture_size(s: &str) -> Result<[u32; 2], String> {
     let parse = |part: &str| part.parse::<u32>().ok().filter(|v| (1..=65536).contains(v));
     s.split_once('x')
         .and_then(|(w, h)| Some([parse(w)?, parse(h)?]))
+        .filter(|[w, h]| u64::from(*w) * u64::from(*h) <= MOST_PIXELS)
         .ok_or_else(|| {
             format!(
-                "'{s}': expected WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 1024x768"
+                "'{s}': expected WIDTHxHEIGHT in pixels, each from 1 to 65536 and at most {MOST_PIXELS} \
+                 together, such as 1024x768"
             )
         })
 }
@@ -224,6 +229,10 @@ mod tests {
     #[test]
     fn pictures() {
         assert_eq!(picture_size("1024x768"), Ok([1024, 768]));
+        assert!(
+            picture_size("65536x65536").is_err(),
+            "more than memory holds"
+        );
         assert!(
             picture_size("0x5").is_err()
                 && picture_size("5").is_err()

@@ -13,7 +13,7 @@ use crate::pager::{
     ActiveBricks, AtlasShape, BrickCache, BrickState, Completion, LevelScan, Loader, Pager,
     Priority, Request, SlotId, SlotPool, Upload, within_reach,
 };
-use crate::proxy::{ActiveBlocks, Granularity, bounding_mesh};
+use crate::proxy::{ActiveBlocks, Granularity, Mesh, bounding_mesh};
 use crate::render::{FrameInputs, LevelState, Renderer, Residency};
 use crate::scene::{LodChoice, PictureSettings, PictureStats, RayFrame, Technique};
 use crate::store::{BrickData, Store};
@@ -166,8 +166,7 @@ impl GpuDevice {
             let shape = AtlasShape::for_slots(slots.max(1), voxel_bytes, atlas_budget, max_edge)
                 .ok_or(EngineError::GpuMemory {
                     given: budget,
-                    least: budget - atlas_budget
-                        + AtlasShape::brick_bytes(voxel_bytes).next_power_of_two() * 8,
+                    least: budget - atlas_budget + AtlasShape::least_bytes(voxel_bytes),
                 })?;
             if shape.slot_count() >= slots {
                 break (rays, classified, needed, shape);
@@ -191,7 +190,12 @@ impl GpuDevice {
         self.attempted_bytes = self.other_bytes(budget, tile) + shape.bytes(voxel_bytes);
 
         self.make_resident(store, &needed, shape, &mut traffic)?;
-        let mesh = self.mesh(&needed, &rays, settings)?;
+        let skip = settings.technique == Technique::Default;
+        let mesh = if skip {
+            self.mesh(&needed, &rays)?
+        } else {
+            Mesh::default()
+        };
         let Some(resident) = &mut self.resident else {
             unreachable!("invariant: make_resident made it")
         };
@@ -211,6 +215,7 @@ impl GpuDevice {
             classified: &classified,
             settings,
             value_floor: store.meta().value_min as f32,
+            skip,
         };
         let drawn = self
             .renderer
@@ -275,7 +280,7 @@ impl GpuDevice {
             Some(rest) => Ok((rest - rest / 512, max_edge)),
             None => Err(EngineError::GpuMemory {
                 given: budget,
-                least: others + (64 * 64 * 64) * voxel_bytes,
+                least: others + AtlasShape::least_bytes(voxel_bytes),
             }),
         }
     }
@@ -500,15 +505,7 @@ impl GpuDevice {
     }
 
     /// The bounding mesh at the granularity that the picture is worth.
-    fn mesh(
-        &self,
-        needed: &Needed,
-        rays: &RayFrame,
-        settings: &PictureSettings,
-    ) -> Result<crate::proxy::Mesh, EngineError> {
-        if settings.technique == Technique::Basic {
-            return Ok(crate::proxy::Mesh::default());
-        }
+    fn mesh(&self, needed: &Needed, rays: &RayFrame) -> Result<Mesh, EngineError> {
         let grid = self.grids[usize::from(needed.lod.0)];
         let occupancies = needed.active.occupancies();
         let blocks =

@@ -3,7 +3,7 @@
 use glam::UVec3;
 use lru::LruCache;
 
-use crate::geom::{BrickId, STORED_EDGE, STORED_VOXELS};
+use crate::geom::{BrickId, STORED_EDGE};
 
 /// A slot by its linear number in the atlas, x fastest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -74,9 +74,9 @@ impl AtlasShape {
         UVec3::new(slot.0 % s.x, slot.0 / s.x % s.y, slot.0 / s.x / s.y)
     }
 
-    /// Bytes of one brick in host memory.
-    pub fn brick_bytes(voxel_bytes: u64) -> u64 {
-        STORED_VOXELS as u64 * voxel_bytes
+    /// Bytes of the smallest atlas, of one slot.
+    pub fn least_bytes(voxel_bytes: u64) -> u64 {
+        u64::from(STORED_EDGE.next_power_of_two()).pow(3) * voxel_bytes
     }
 }
 

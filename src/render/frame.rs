@@ -6,7 +6,7 @@ use crate::camera::Projection;
 use crate::geom::BLOCK_EDGE;
 use crate::gpu::GpuContext;
 use crate::gpu::layout::{FLAG_SKIP, FrameUniforms};
-use crate::scene::{Classified, PictureSettings, RayFrame, Technique};
+use crate::scene::{Classified, PictureSettings, RayFrame};
 
 use super::bindings;
 use super::residency::Residency;
@@ -25,6 +25,8 @@ pub struct FrameInputs<'a> {
     pub settings: &'a PictureSettings,
     /// The volume's least stored value.
     pub value_floor: f32,
+    /// Mesh interval, brick and block skipping? Without, every brick of the level must be resident.
+    pub skip: bool,
 }
 
 /// A tile of the picture, in pixels.
@@ -141,6 +143,7 @@ fn uniforms(
         classified,
         settings,
         value_floor,
+        skip,
     } = *inputs;
     let depth = DepthRange::new(rays);
     let [lut_lo, lut_scale] = classified.lut.index_lo_scale();
@@ -177,11 +180,7 @@ fn uniforms(
         tile_origin: tile.origin,
         tile_size: tile.size,
         last_index: rays.last_index,
-        flags: if settings.technique == Technique::Default {
-            FLAG_SKIP
-        } else {
-            0
-        },
+        flags: if skip { FLAG_SKIP } else { 0 },
         step_mm: rays.step_mm,
         first_mm: rays.first_mm,
         near_mm: rays.near_mm,

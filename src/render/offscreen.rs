@@ -10,7 +10,7 @@ use super::residency::Residency;
 use crate::classify::LUT_ENTRIES;
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
-use crate::scene::{Image, RayCounts, Technique};
+use crate::scene::{Image, RayCounts};
 
 /// Greatest width and height of a tile, pixels: 2²⁰ rays.
 pub const TILE_EDGE: u32 = 1024;
@@ -141,7 +141,7 @@ impl Renderer {
                             label: Some("offscreen.tile"),
                         });
                 let timer = &mut self.timer;
-                if settings.technique == Technique::Default {
+                if inputs.skip {
                     self.bounds.record(
                         &mut encoder,
                         &self.frame,

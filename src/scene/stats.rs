@@ -42,6 +42,7 @@ pub struct PictureStats {
     pub atlas_bytes: Option<u64>,
     pub gpu_bytes: Option<u64>,
     pub mesh_triangles: Option<u64>,
-    /// The level that was drawn.
+    /// The level that was drawn. Not a key of `--stats`: cli.md lists those.
+    #[serde(skip)]
     pub lod: u8,
 }
