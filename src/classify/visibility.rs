@@ -92,11 +92,6 @@ impl OpacityTable {
         let end = (index(hi + slack) + 3).min(LUT_ENTRIES);
         self.before[end] > self.before[first]
     }
-
-    /// True when nothing at all has opacity.
-    pub fn is_all_transparent(&self) -> bool {
-        self.before[LUT_ENTRIES] == 0
-    }
 }
 
 /// Iso-values, sorted, and how far outside a range one still counts.

@@ -352,6 +352,8 @@ impl GpuDevice {
         traffic: &mut Traffic,
         mut visit: impl FnMut(BrickId, &BrickData),
     ) -> Result<(), EngineError> {
+        // After a picture that failed on the device, its loads may still be on their way: they are nobody's.
+        self.drain_loader();
         let mut orders = Vec::new();
         for &brick in bricks {
             match self.cache.get(brick) {

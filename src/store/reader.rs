@@ -415,10 +415,3 @@ fn unshuffle_le(stored_type: StoredType, planes: &[u8], out: &mut [u8]) {
         }
     }
 }
-
-/// The voxels of a decoded brick as Rust values: `data.voxels` must be of type `T`.
-pub fn voxels_as<T: Voxel>(data: &BrickData) -> Vec<T> {
-    let mut out = vec![T::default(); data.voxels.len() / size_of::<T>()];
-    T::read_le(&data.voxels, &mut out);
-    out
-}
