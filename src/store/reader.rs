@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use memmap2::Mmap;
 
+use super::StoreMeta;
 use super::codec::{self, RANGES_LEN};
 use super::error::{Fault, Part, StoreError};
 use super::header::{HEADER_LEN, Header, MAGIC, VERSION};
 use super::index::{BrickEntry, ENTRY_LEN};
-use super::{StoreMeta, Voxel};
 use crate::geom::{BLOCKS_PER_BRICK, BrickGrid, BrickId, Lod, STORED_VOXELS};
 use crate::volume::StoredType;
 
