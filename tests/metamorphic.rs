@@ -14,7 +14,7 @@ mod memory_source;
 mod scenes;
 
 use brickscope::camera::{Camera, Projection};
-use brickscope::engine::{Engine, EngineOptions, SampleFilter};
+use brickscope::engine::{Engine, EngineOptions, Picture, SampleFilter};
 use brickscope::scene::{Mode, PictureSettings, Shading, ShadingModel, Technique};
 use brickscope::volume::VoxelType;
 use compare::{assert_same_bits, coverage, difference};
@@ -213,36 +213,64 @@ fn a_missing_block_is_seen() {
     );
 }
 
-#[test]
-#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
-fn too_little_memory_draws_a_coarser_level_and_says_so() {
-    let store = phantom("phantom:sponge:200,200,200:u16");
+/// The picture under an atlas of `slots` slots, and what it took.
+fn under(store: &TestStore, settings: &PictureSettings, slots: Option<u64>) -> Picture {
     let options = EngineOptions {
-        gpu_memory_bytes: Some(24 << 20),
+        max_slots: slots,
+        slot_order_seed: slots.unwrap_or(0),
         ..EngineOptions::default()
     };
-    let picture = gpu(&store, options)
+    gpu(store, options).render(settings).unwrap()
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn any_atlas_gives_the_same_picture() {
+    let store = phantom("phantom:body:200,180,210:u16");
+    for mode in MODES {
+        for (model, step, technique) in [
+            (ShadingModel::None, 0.5, Technique::Default),
+            (ShadingModel::Phong, 2.5, Technique::Default),
+            (ShadingModel::Phong, 5.0, Technique::Basic),
+        ] {
+            let mut s = settings(&store.store, mode);
+            s.size = [96, 80];
+            s.step = step;
+            s.technique = technique;
+            s.shading = Shading {
+                model,
+                ..Shading::default()
+            };
+            let whole = under(&store, &s, None);
+            assert!(coverage(&whole.image) > 0.05, "something is seen");
+            assert_eq!(whole.stats.bricks_evicted, Some(0), "everything fits");
+            for slots in [9, 64, 512] {
+                let what = format!("{} {model:?} step {step}, {slots} slots", mode.name());
+                let small = under(&store, &s, Some(slots));
+                assert!(small.stats.atlas_slots <= Some(slots), "{what}");
+                assert_same_bits(&whole.image, &small.image, &what);
+                if slots == 9 {
+                    assert!(small.stats.bricks_evicted > Some(0), "{what}: evicts");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn fewer_slots_than_a_ray_may_need_are_refused_with_both_numbers() {
+    let store = phantom("phantom:body:200,180,210:u16");
+    let options = EngineOptions {
+        max_slots: Some(8),
+        ..EngineOptions::default()
+    };
+    let error = gpu(&store, options)
         .render(&settings(&store.store, Mode::Dvr))
-        .unwrap();
-    assert!(picture.stats.lod > 0, "level 0 doesn't fit 24 MiB");
-    assert_eq!(
-        picture.notes.len(),
-        usize::from(picture.stats.lod),
-        "each level that didn't fit is named"
-    );
+        .unwrap_err()
+        .to_string();
     assert!(
-        picture.stats.gpu_bytes.unwrap() <= 24 << 20,
-        "the budget holds: {:?}",
-        picture.stats.gpu_bytes
-    );
-    let mut exact = settings(&store.store, Mode::Dvr);
-    exact.lod = brickscope::scene::LodChoice::Fixed(brickscope::geom::Lod(picture.stats.lod));
-    let same = gpu(&store, EngineOptions::default())
-        .render(&exact)
-        .unwrap();
-    assert_same_bits(
-        &picture.image,
-        &same.image,
-        "the coarser level is that level",
+        error.contains("up to 9 bricks") && error.contains("but 8 fit"),
+        "{error}"
     );
 }

@@ -1,9 +1,23 @@
 // The atlas, read by eight texel loads and interpolated by hand: exact, for every float or normalised format.
 
 @group(1) @binding(0) var atlas: texture_3d<f32>;
+@group(1) @binding(6) var atlas1: texture_3d<f32>;
+@group(1) @binding(7) var atlas2: texture_3d<f32>;
+@group(1) @binding(8) var atlas3: texture_3d<f32>;
 
-fn atlas_texel(at: vec3i) -> f32 {
-    return textureLoad(atlas, at, 0).x;
+// False where one texture holds all slots: software adapters would load from each.
+override MANY_ATLASES: bool = false;
+
+fn atlas_texel(texture: u32, at: vec3i) -> f32 {
+    if !MANY_ATLASES {
+        return textureLoad(atlas, at, 0).x;
+    }
+    switch texture {
+        case 1u: { return textureLoad(atlas1, at, 0).x; }
+        case 2u: { return textureLoad(atlas2, at, 0).x; }
+        case 3u: { return textureLoad(atlas3, at, 0).x; }
+        default: { return textureLoad(atlas, at, 0).x; }
+    }
 }
 
 fn atlas_value(brick: Brick, local: vec3f) -> f32 {

@@ -1,36 +1,78 @@
 // Where a brick's voxels are: the indirection word, unpacked once per brick that a ray enters.
 
 struct Brick {
-    // Offset of the brick's first voxel corner from the anchor, level voxels.
+    // Place in the grid of the ray's level, and that level.
+    xyz: vec3i,
+    level: u32,
+    // Offset of the brick's first voxel corner from the level's anchor, level voxels.
     origin: vec3f,
-    // Atlas texel of that corner (the border voxel lies before it).
+    // Which atlas texture, its texel of that corner (the border voxel lies before it), and the slot's number.
+    texture: u32,
     texel: vec3f,
+    slot: u32,
+    // TAG_ABSENT only where voxels are needed and missing.
     tag: u32,
+    // Not in the atlas and not constant, needed or not.
+    is_absent: bool,
     // The value of a constant brick, stored units.
     constant: f32,
 }
 
-
-fn brick_word(xyz: vec3i) -> u32 {
-    let last = vec3i(frame.level_bricks.xyz) - 1;
-    return textureLoad(indirection, clamp(xyz, vec3i(0), last) + vec3i(frame.indirection_origin.xyz), 0).x;
+// Number of a brick among those of all levels.
+fn brick_number(level: u32, xyz: vec3i) -> u32 {
+    let bricks = frame.levels[level].bricks;
+    return bricks.w + (u32(xyz.z) * bricks.y + u32(xyz.y)) * bricks.x + u32(xyz.x);
 }
 
-fn brick_at(offset: vec3f) -> Brick {
-    let last = vec3i(frame.level_bricks.xyz) - 1;
-    let xyz = clamp((frame.anchor.xyz + vec3i(floor(offset))) >> vec3u(BRICK_SHIFT), vec3i(0), last);
-    let word = brick_word(xyz);
-    let payload = word & PAYLOAD_MASK;
+// BRICK_* bits of a brick that lies inside its level.
+fn brick_activity_of(level: u32, xyz: vec3i) -> u32 {
+    let number = brick_number(level, xyz);
+    return (brick_activity[number >> 4u] >> ((number & 15u) * 2u)) & 3u;
+}
+
+fn brick_word(level: u32, xyz: vec3i) -> u32 {
+    let last = vec3i(frame.levels[level].bricks.xyz) - 1;
+    return textureLoad(indirection, clamp(xyz, vec3i(0), last) + vec3i(frame.levels[level].indirection_origin.xyz), 0).x;
+}
+
+// A slot's place is packed as texture (2 bits) and z, y, x (9 bits each).
+fn brick_slot_place(word: u32) -> vec3u {
+    return vec3u(word & 511u, (word >> 9u) & 511u, (word >> 18u) & 511u);
+}
+
+fn brick_slot_number(word: u32) -> u32 {
+    let place = brick_slot_place(word);
+    let texture = (word & PAYLOAD_MASK) >> 27u;
+    return ((texture * frame.atlas_slots.z + place.z) * frame.atlas_slots.y + place.y) * frame.atlas_slots.x + place.x;
+}
+
+// The brick of `level` that holds `offset`.
+fn brick_at(level: u32, offset: vec3f) -> Brick {
+    let anchor = frame.levels[level].anchor.xyz;
+    let last = vec3i(frame.levels[level].bricks.xyz) - 1;
+    let xyz = clamp((anchor + vec3i(floor(offset))) >> vec3u(BRICK_SHIFT), vec3i(0), last);
+    let word = brick_word(level, xyz);
     var brick: Brick;
-    brick.origin = vec3f(xyz * i32(BRICK_EDGE) - frame.anchor.xyz);
+    brick.xyz = xyz;
+    brick.level = level;
+    brick.origin = vec3f(xyz * i32(BRICK_EDGE) - anchor);
     brick.tag = word >> TAG_SHIFT;
+    brick.is_absent = brick.tag == TAG_ABSENT;
     brick.constant = frame.value_floor;
     if brick.tag == TAG_CONSTANT {
-        brick.constant = constants[payload];
+        brick.constant = constants[word & PAYLOAD_MASK];
     }
-    // A slot's place is packed as three 10-bit numbers.
-    let slot = vec3u(payload & 1023u, (payload >> 10u) & 1023u, payload >> 20u);
-    brick.texel = vec3f(slot * STORED_EDGE + BRICK_BORDER);
+    if brick.is_absent {
+        // Nothing in an empty brick can be seen, so that only the side of the iso-value matters: no voxels are needed.
+        let activity = brick_activity_of(level, xyz);
+        if activity == BRICK_EMPTY || activity == BRICK_EMPTY_ABOVE {
+            brick.tag = TAG_CONSTANT;
+            brick.constant = select(frame.empty_below, frame.empty_above, activity == BRICK_EMPTY_ABOVE);
+        }
+    }
+    brick.texture = (word & PAYLOAD_MASK) >> 27u;
+    brick.texel = vec3f(brick_slot_place(word) * STORED_EDGE + BRICK_BORDER);
+    brick.slot = brick_slot_number(word);
     return brick;
 }
 

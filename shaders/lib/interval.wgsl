@@ -1,13 +1,13 @@
-// The part of a ray that the bounding mesh leaves, in samples.
+// The part of a ray that the bounding mesh leaves, mm from the eye.
 
 override ORTHOGRAPHIC: bool = false;
 
-// View depth of a depth-buffer value, and from it the sample index on a ray of that stretch.
-fn interval_index(depth: f32, stretch: f32) -> f32 {
+// Distance from the eye of a depth-buffer value, on a ray of that stretch.
+fn interval_distance(depth: f32, stretch: f32) -> f32 {
     if ORTHOGRAPHIC {
-        return (frame.depth_bias - frame.depth_scale * depth - frame.first_mm) / frame.step_mm;
+        return frame.depth_bias - frame.depth_scale * depth;
     }
-    return (frame.depth_scale / depth * stretch - frame.first_mm) / frame.step_mm;
+    return frame.depth_scale / depth * stretch;
 }
 
 // The raster is only a bound: the least start and the greatest end over 3×3 pixels, moved outward by one block
@@ -17,7 +17,6 @@ fn interval_of_pixel(pixel: vec2u, stretch: f32) -> vec2f {
     var nearest = 0.0;
     var farthest = 1.0;
     var from_near_plane = false;
-    let slack_depth = frame.slack;
     for (var y = 0u; y < 3u; y++) {
         for (var x = 0u; x < 3u; x++) {
             // The depth buffers have a margin of one pixel around the tile.
@@ -30,17 +29,17 @@ fn interval_of_pixel(pixel: vec2u, stretch: f32) -> vec2f {
             farthest = min(farthest, textureLoad(farthest_back, at, 0));
             nearest = max(nearest, front);
             if front == 0.0
-                || interval_index(back, stretch) <= interval_index(front, stretch) + slack_depth {
+                || interval_distance(back, stretch) <= interval_distance(front, stretch) + frame.slack_mm {
                 from_near_plane = true;
             }
         }
     }
     if nearest == 0.0 && !from_near_plane {
-        return vec2f(1e9, -1e9);
+        return vec2f(1e30, -1e30);
     }
     var start = 0.0;
     if !from_near_plane {
-        start = interval_index(nearest, stretch) - frame.slack;
+        start = interval_distance(nearest, stretch) - frame.slack_mm;
     }
-    return vec2f(start, interval_index(farthest, stretch) + frame.slack);
+    return vec2f(start, interval_distance(farthest, stretch) + frame.slack_mm);
 }

@@ -1,15 +1,20 @@
 // Rays on the frame's sample grid (design.md §2, invariant 1). The twin is reference::caster::Ray.
 
+// False where only one level is sampled: its number is then a constant.
+override MANY_LEVELS: bool = true;
+
 struct Ray {
+    // Number of the level among frame.levels.
+    level: u32,
     // Unit direction, world.
     direction: vec3f,
     // Length of the unnormalised direction: view depth · length = distance (perspective).
     stretch: f32,
-    // Level-voxel offset (from the anchor) of sample 0, and from a sample to the next.
+    // Level-voxel offset (from the level's anchor) of sample 0, and from a sample to the next.
     base: vec3f,
     step: vec3f,
     inverse_step: vec3f,
-    // First and last sample inside the volume; empty when first > last.
+    // First and last sample inside the volume and the level's part of the ray; empty when first > last.
     first: i32,
     last: i32,
 }
@@ -19,35 +24,47 @@ fn ray_axis(step: f32) -> f32 {
     return select(step, 1e-20, abs(step) < 1e-20);
 }
 
-fn ray_for_pixel(pixel: vec2u) -> Ray {
+// The part of the pixel's ray that is sampled at `level`.
+fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
     let u = (f32(pixel.x) + 0.5) * (2.0 / f32(frame.picture_size.x)) - 1.0;
     let v = 1.0 - (f32(pixel.y) + 0.5) * (2.0 / f32(frame.picture_size.y));
     let world = frame.world_dir[0].xyz + frame.world_dir[1].xyz * u + frame.world_dir[2].xyz * v;
-    let level = frame.level_dir[0].xyz + frame.level_dir[1].xyz * u + frame.level_dir[2].xyz * v;
-    let origin = frame.level_origin[0].xyz + frame.level_origin[1].xyz * u + frame.level_origin[2].xyz * v;
+    let dir = frame.levels[level].level_dir[0].xyz + frame.levels[level].level_dir[1].xyz * u
+        + frame.levels[level].level_dir[2].xyz * v;
+    let origin = frame.levels[level].level_origin[0].xyz + frame.levels[level].level_origin[1].xyz * u
+        + frame.levels[level].level_origin[2].xyz * v;
+    let step_mm = frame.levels[level].step_mm;
     let stretch = sqrt(dot(world, world));
     let inverse = 1.0 / stretch;
 
     var ray: Ray;
+    ray.level = level;
     ray.stretch = stretch;
     ray.direction = world * inverse;
-    ray.base = origin + level * (inverse * frame.first_mm);
-    let step = level * (inverse * frame.step_mm);
+    ray.base = origin + dir * (inverse * frame.first_mm);
+    let step = dir * (inverse * step_mm);
     ray.step = vec3f(ray_axis(step.x), ray_axis(step.y), ray_axis(step.z));
     ray.inverse_step = 1.0 / ray.step;
-    let to_min = (frame.box_min.xyz - ray.base) / ray.step;
-    let to_max = (frame.box_max.xyz - ray.base) / ray.step;
+    let to_min = (frame.levels[level].box_min.xyz - ray.base) / ray.step;
+    let to_max = (frame.levels[level].box_max.xyz - ray.base) / ray.step;
     let near3 = min(to_min, to_max);
     let far3 = max(to_min, to_max);
     let near = max(max(near3.x, near3.y), near3.z);
     let far = min(min(far3.x, far3.y), far3.z);
-    let near_plane = (frame.near_mm * stretch - frame.first_mm) / frame.step_mm;
-    ray.first = i32(min(ceil(max(max(near, near_plane), 0.0)), 2e9));
-    ray.last = i32(clamp(floor(min(far, f32(frame.last_index))), -1.0, 2e9));
+    let near_plane = (frame.near_mm * stretch - frame.first_mm) / step_mm;
+    let begin = f32(frame.levels[level].begin);
+    ray.first = i32(min(ceil(max(max(near, near_plane), begin)), 2e9));
+    let end = min(f32(frame.last_index >> (frame.finest_lod + level)), f32(frame.levels[level].last));
+    ray.last = i32(clamp(floor(min(far, end)), -1.0, 2e9));
     return ray;
 }
 
 // Level-voxel offset of sample `index` (fractions between samples are allowed).
 fn ray_offset(ray: Ray, index: f32) -> vec3f {
     return ray.base + index * ray.step;
+}
+
+// Sample index at the ray's level of a distance from the eye.
+fn ray_index(ray: Ray, distance_mm: f32) -> f32 {
+    return (distance_mm - frame.first_mm) / frame.levels[ray.level].step_mm;
 }

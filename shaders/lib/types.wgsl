@@ -1,9 +1,8 @@
 // Every struct shared with the host (src/gpu/layout.rs), and nothing else. tests/shaders.rs compares both.
 
-// One frame: the sample grid (scene::RayFrame), the classification's constants and the switches.
+// One level of the frame's sample grid (scene::LevelFrame). Sample j of the level lies 2^lod · j base steps from sample 0.
 // A per-ray quantity is q[0] + u·q[1] + v·q[2] with the image-plane coordinates u, v.
-struct FrameUniforms {
-    world_dir: array<vec4f, 3>,
+struct LevelUniforms {
     level_dir: array<vec4f, 3>,
     level_origin: array<vec4f, 3>,
     // The rendered box in level voxels, from the anchor.
@@ -11,38 +10,53 @@ struct FrameUniforms {
     box_max: vec4f,
     // World normal from level-voxel gradient, columns.
     normal_from_gradient: array<vec4f, 3>,
+    // Integer voxel of the level that offsets count from; w unused.
+    anchor: vec4i,
+    // Bricks of the level; w: the number of its first brick among those of all levels.
+    bricks: vec4u,
+    // Where the level begins in the indirection texture; w unused.
+    indirection_origin: vec4u,
+    // First and last sample that are taken at this level.
+    begin: i32,
+    last: i32,
+    // Where the level's table begins in `lut`, entries.
+    lut_offset: u32,
+    step_mm: f32,
+}
+
+// One frame: the sample grid (scene::RayFrame), the classification's constants and the switches.
+struct FrameUniforms {
+    world_dir: array<vec4f, 3>,
     // Unit direction to the light, world; w = 1 for a headlight.
     to_light: vec4f,
     // Ambient, diffuse, specular, shininess.
     material: vec4f,
     iso_color: vec4f,
-    // Clip space from level-voxel offset, cropped to the tile and its margin; reversed depth.
+    // Clip space from an offset in voxels of the mesh's level, cropped to the tile and its margin; reversed depth.
     clip_from_offset: mat4x4f,
-    // Integer voxel of the level that offsets count from.
-    anchor: vec4i,
-    // Bricks of the level; w unused.
-    level_bricks: vec4u,
-    // Where the level begins in the indirection texture.
-    indirection_origin: vec4u,
-    // Atlas slots per axis; w unused.
+    // Integer voxel of the mesh's level that its offsets count from; w unused.
+    mesh_anchor: vec4i,
+    // Atlas slots per axis of one texture; w unused.
     atlas_slots: vec4u,
-    // 1 / atlas edges in texels.
+    // 1 / edges of an atlas texture in texels.
     texture_from_atlas: vec4f,
-    // Picture size in pixels, and the tile: origin and size.
+    // Picture size in pixels; the tile's origin; the row length of the tile's buffers and their rows; the part of the tile
+    // inside the picture.
     picture_size: vec2u,
     tile_origin: vec2u,
     tile_size: vec2u,
+    part_size: vec2u,
+    // Last sample of any ray, in base steps, as samples of level 0.
     last_index: u32,
     flags: u32,
-    step_mm: f32,
     first_mm: f32,
     near_mm: f32,
     opacity_cutoff: f32,
     // View depth from depth-buffer value d: perspective depth_scale / d, orthographic depth_bias - depth_scale · d.
     depth_scale: f32,
     depth_bias: f32,
-    // What the raster may be off, in samples: one block diagonal.
-    slack: f32,
+    // What the raster may be off, mm along a ray: one block diagonal.
+    slack_mm: f32,
     iso: f32,
     // Table index = (stored value - lut_lo) · lut_scale, in [0, lut_last].
     lut_scale: f32,
@@ -52,8 +66,33 @@ struct FrameUniforms {
     value_scale: f32,
     // The least stored value of the volume.
     value_floor: f32,
-    // Work-group number w casts group (w · group_stride) mod (number of groups).
-    group_stride: u32,
-    pad1: f32,
-    pad2: f32,
+    // What samples in bricks that are empty and not resident read: values that can't be seen, on either side of the
+    // iso-value.
+    empty_below: f32,
+    empty_above: f32,
+    // Levels that are sampled, and those with the coarser ones that can stand in.
+    used_levels: u32,
+    all_levels: u32,
+    // A ray that took this many samples in a dispatch goes on in the next one.
+    sample_limit: u32,
+    // Counts dispatches: what a used slot is stamped with.
+    dispatch: u32,
+    // The numbers of the level of sample 0, of the first word of the stamps and of the request bits in `feedback`.
+    finest_lod: u32,
+    stamps_at: u32,
+    bits_at: u32,
+    // The first entry of the dispatch's list of work-groups in `feedback`.
+    groups_at: u32,
+    levels: array<LevelUniforms, MAX_LEVELS>,
+}
+
+// Where a ray stands between two dispatches.
+struct RayState {
+    // The next sample, in steps of the ray's level.
+    next: i32,
+    // RAY_* bits; the low ones are the level.
+    flags: u32,
+    // Greatest value so far (mip).
+    extreme: f32,
+    pad: u32,
 }

@@ -26,23 +26,25 @@ struct Walk {
 }
 
 fn walk_block_at(ray: Ray, at: f32) -> vec3i {
-    return (frame.anchor.xyz + vec3i(floor(ray_offset(ray, at)))) >> vec3u(BLOCK_SHIFT);
+    return (frame.levels[ray.level].anchor.xyz + vec3i(floor(ray_offset(ray, at)))) >> vec3u(BLOCK_SHIFT);
 }
 
-// `interval`: the part of the ray that the bounding mesh leaves, in samples.
-fn walk_begin(ray: Ray, interval: vec2f) -> Walk {
+// `interval`: the part of the ray that the bounding mesh leaves, mm from the eye. A ray that goes on has taken its samples
+// before `next`: the segment that ends there is walked once more, with what is known of its blocks by now, so that the
+// sample is taken if it is needed.
+fn walk_begin(ray: Ray, interval: vec2f, next: i32) -> Walk {
     var walk: Walk;
-    walk.at = max(f32(ray.first), interval.x);
-    walk.end = min(f32(ray.last), interval.y);
-    walk.next = ray.first;
-    walk.first = ray.first;
+    walk.at = max(max(f32(ray.first), ray_index(ray, interval.x)), f32(next - 1));
+    walk.end = min(f32(ray.last), ray_index(ray, interval.y));
+    walk.next = max(ray.first, next);
+    walk.first = walk.next;
     walk.last = ray.last;
-    let last = vec3i(frame.level_bricks.xyz * BLOCKS_PER_EDGE) - 1;
+    let last = vec3i(frame.levels[ray.level].bricks.xyz * BLOCKS_PER_EDGE) - 1;
     walk.block = clamp(walk_block_at(ray, walk.at), vec3i(0), last);
     walk.forward = select(vec3i(-1), vec3i(1), ray.step > vec3f(0.0));
     // The far face of b is at (b + 1 or b) · edge − anchor.
     let face = vec3f(max(walk.forward, vec3i(0)));
-    let origin = vec3f(frame.anchor.xyz) + ray.base;
+    let origin = vec3f(frame.levels[ray.level].anchor.xyz) + ray.base;
     walk.block_scale = f32(BLOCK_EDGE) * ray.inverse_step;
     walk.block_shift = (face * f32(BLOCK_EDGE) - origin) * ray.inverse_step;
     walk.brick_scale = f32(BRICK_EDGE) * ray.inverse_step;
@@ -55,11 +57,6 @@ fn walk_axis(t: vec3f, least: f32) -> vec3<bool> {
     let x = t.x == least;
     let y = !x && t.y == least;
     return vec3<bool>(x, y, !(x || y));
-}
-
-fn walk_activity(brick: vec3i) -> u32 {
-    let index = u32((brick.z * i32(frame.level_bricks.y) + brick.y) * i32(frame.level_bricks.x) + brick.x);
-    return (brick_activity[index >> 4u] >> ((index & 15u) * 2u)) & 3u;
 }
 
 // Crosses brick `brick` as a whole.
@@ -77,7 +74,7 @@ fn walk_cross_brick(ray: Ray, walk: ptr<function, Walk>, brick: vec3i) {
 
 // Finds the next run; false when there is none. The caller takes samples walk.first ..= walk.last.
 fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
-    let bricks = vec3i(frame.level_bricks.xyz);
+    let bricks = vec3i(frame.levels[ray.level].bricks.xyz);
     loop {
         if (*walk).at > (*walk).end {
             return false;
@@ -86,8 +83,8 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         if any(brick < vec3i(0)) || any(brick >= bricks) {
             return false;
         }
-        let activity = walk_activity(brick);
-        if activity == BRICK_EMPTY {
+        let activity = brick_activity_of(ray.level, brick);
+        if activity == BRICK_EMPTY || activity == BRICK_EMPTY_ABOVE {
             walk_cross_brick(ray, walk, brick);
             continue;
         }
@@ -99,7 +96,7 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
                 walk_cross_brick(ray, walk, full);
                 full = (*walk).block >> vec3u(BLOCKS_SHIFT);
                 if (*walk).at > (*walk).end || any(full < vec3i(0)) || any(full >= bricks)
-                    || walk_activity(clamp(full, vec3i(0), bricks - 1)) != BRICK_FULL {
+                    || brick_activity_of(ray.level, clamp(full, vec3i(0), bricks - 1)) != BRICK_FULL {
                     break;
                 }
             }
@@ -108,9 +105,8 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
             }
             continue;
         }
-        // A mixed brick has a slot; its occupancy lies by the slot's linear number.
-        let slot = brick_word(brick) & PAYLOAD_MASK;
-        let row = ((slot >> 20u) * frame.atlas_slots.y + ((slot >> 10u) & 1023u)) * frame.atlas_slots.x + (slot & 1023u);
+        // A mixed brick has a slot; its occupancy lies by the slot's number.
+        let row = brick_slot_number(brick_word(ray.level, brick));
         var started = -1.0;
         // The word of occupancy in hand.
         var held = 16u;

@@ -1,4 +1,8 @@
 // The caster: one invocation per ray, one entry point per mode. The twin of each is reference::caster.
+//
+// A ray that meets a brick that is not there stores its state, asks for the brick, and goes on in a later dispatch: the
+// picture is exact in the end, whatever fits the memory (design.md §2, invariant 2). In a DRAFT nothing waits: the nearest
+// coarser resident brick stands in.
 
 @group(2) @binding(0) var nearest_front: texture_depth_2d;
 @group(2) @binding(1) var nearest_back: texture_depth_2d;
@@ -7,43 +11,179 @@
 @group(2) @binding(3) var<storage, read_write> picture: array<vec4f>;
 // Per pixel of the tile: samples taken, samples skipped.
 @group(2) @binding(4) var<storage, read_write> counts: array<vec2u>;
+// Per pixel of the tile; zeros before the first dispatch.
+@group(2) @binding(5) var<storage, read_write> rays: array<RayState>;
+// lib/feedback.wgsl.
+@group(2) @binding(6) var<storage, read_write> feedback: array<atomic<u32>>;
 
 override GROUP_WIDTH: u32 = 8u;
 override GROUP_HEIGHT: u32 = 8u;
 // Phong shading, and bisection at iso-surfaces.
 override SHADED: bool = false;
 override REFINED: bool = true;
+// Coarser bricks stand in for missing ones; rays don't wait.
+override DRAFT: bool = false;
 
-// The first pixel of a work-group. Software adapters give each thread a contiguous range of groups: a stride spreads the
-// costly parts of the picture over all of them (render::frame::group_stride).
-fn pixel_of_group(group: vec2u, groups: vec2u) -> vec2u {
-    let number = (group.y * groups.x + group.x) * frame.group_stride % (groups.x * groups.y);
-    return vec2u(number % groups.x, number / groups.x) * vec2u(GROUP_WIDTH, GROUP_HEIGHT);
+// The ray of one invocation, and what it has gathered.
+struct Cast {
+    // Number of the work-group in the tile, and of the pixel in the tile's buffers.
+    group: u32,
+    at: u32,
+    // Pixel of the tile, and of the picture.
+    tile_pixel: vec2u,
+    pixel: vec2u,
+    ray: Ray,
+    // Nothing to do: outside the picture, or finished before.
+    is_idle: bool,
+    // Samples at levels that are done are in here.
+    skipped: u32,
+    samples: u32,
+    // A brick was missing; the ray waits for it; it has used up the dispatch's samples.
+    missed: bool,
+    stopped: bool,
+    paused: bool,
 }
 
-fn start_walk(ray: Ray, tile_pixel: vec2u) -> Walk {
+fn cast_interval(caster: Cast) -> vec2f {
     if frame_has(FLAG_SKIP) {
-        return walk_begin(ray, interval_of_pixel(tile_pixel, ray.stretch));
+        return interval_of_pixel(caster.tile_pixel, caster.ray.stretch);
     }
-    return walk_begin(ray, vec2f(-1e9, 1e9));
+    return vec2f(-1e30, 1e30);
 }
 
-// The next run of samples: with skipping from the walk, without it the whole ray once.
-fn next_run(ray: Ray, walk: ptr<function, Walk>) -> bool {
-    if frame_has(FLAG_SKIP) {
-        return walk_next(ray, walk);
+// The ray of an invocation, at its beginning or where it stopped. The host lists the work-groups that have something to do.
+fn cast_begin(
+    group: vec3u,
+    groups: vec3u,
+    local: vec3u,
+    state: ptr<function, RayState>,
+    walk: ptr<function, Walk>,
+) -> Cast {
+    var caster: Cast;
+    caster.group = atomicLoad(&feedback[frame.groups_at + group.y * groups.x + group.x]);
+    let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
+    caster.tile_pixel = vec2u(caster.group % groups_wide, caster.group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + local.xy;
+    caster.pixel = frame.tile_origin + caster.tile_pixel;
+    caster.is_idle = any(caster.tile_pixel >= frame.part_size);
+    caster.at = min(caster.tile_pixel.y, frame.tile_size.y - 1u) * frame.tile_size.x + min(caster.tile_pixel.x, frame.tile_size.x - 1u);
+    if !DRAFT {
+        *state = rays[caster.at];
+        caster.is_idle |= ((*state).flags & RAY_FINISHED) != 0u;
     }
-    let more = (*walk).next <= ray.last;
-    (*walk).next = ray.last + 1;
-    return more;
+    var level = 0u;
+    if MANY_LEVELS {
+        level = (*state).flags & RAY_LEVEL_MASK;
+    }
+    caster.ray = ray_for_pixel(caster.pixel, level);
+    if caster.is_idle {
+        caster.ray.last = -1;
+    }
+    *walk = walk_begin(caster.ray, cast_interval(caster), (*state).next);
+    return caster;
 }
 
-fn write_pixel(tile_pixel: vec2u, color: vec4f, samples: u32, walk: Walk, ray: Ray, terminated: bool) {
-    let at = tile_pixel.y * frame.tile_size.x + tile_pixel.x;
-    picture[at] = color;
-    // What lies behind the last run was skipped, unless the ray ended before it got there.
-    let rest = select(u32(max(ray.last + 1 - walk.next, 0)), 0u, terminated);
-    counts[at] = vec2u(samples, walk.skipped + rest);
+// The next run of samples: with skipping from the walk, without it the whole ray once; then the next coarser level.
+fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool {
+    loop {
+        if frame_has(FLAG_SKIP) {
+            if walk_next((*caster).ray, walk) {
+                return true;
+            }
+        } else if (*walk).next <= (*caster).ray.last {
+            (*walk).first = (*walk).next;
+            (*walk).last = (*caster).ray.last;
+            (*walk).next = (*caster).ray.last + 1;
+            return true;
+        }
+        if !MANY_LEVELS || (*caster).ray.level + 1u >= frame.used_levels || (*caster).is_idle {
+            break;
+        }
+        (*caster).skipped += cast_skipped(*caster, *walk);
+        (*caster).ray = ray_for_pixel((*caster).pixel, (*caster).ray.level + 1u);
+        *walk = walk_begin((*caster).ray, cast_interval(*caster), 0);
+    }
+    return false;
+}
+
+// Samples of the level that skipping has saved, when the level has been left behind.
+fn cast_skipped(caster: Cast, walk: Walk) -> u32 {
+    return walk.skipped + u32(max(caster.ray.last + 1 - walk.next, 0));
+}
+
+// What samples are read from: the brick that a position lies in, or in a draft the one that stands in for it, and the ray
+// in the voxels of that brick's level.
+struct Source {
+    brick: Brick,
+    base: vec3f,
+    step: vec3f,
+    // The voxels are needed, and neither there nor stood in for.
+    is_missing: bool,
+}
+
+// The source at sample `index` of the ray's level, inside `brick`.
+fn source_of(caster: Cast, brick: Brick, index: f32) -> Source {
+    var source: Source;
+    source.brick = brick;
+    source.base = caster.ray.base;
+    source.step = caster.ray.step;
+    source.is_missing = brick.tag == TAG_ABSENT;
+    if DRAFT {
+        var level = caster.ray.level + 1u;
+        while source.brick.tag == TAG_ABSENT && level < frame.all_levels {
+            let coarser = ray_for_pixel(caster.pixel, level);
+            source.base = coarser.base;
+            source.step = coarser.step * (frame.levels[caster.ray.level].step_mm / frame.levels[level].step_mm);
+            source.brick = brick_at(level, source.base + index * source.step);
+            level += 1u;
+        }
+        feedback_touch(source.brick);
+    }
+    return source;
+}
+
+// Where sample `index` lies in the voxels of the source's level.
+fn source_offset(source: Source, index: f32) -> vec3f {
+    return source.base + index * source.step;
+}
+
+// Enters the brick that holds sample `index`: it is marked as used, or asked for when it is missing. Without it the ray
+// stops, but in a draft.
+fn cast_enter(caster: ptr<function, Cast>, brick: Brick, index: f32) -> Source {
+    let source = source_of(*caster, brick, index);
+    if source.is_missing {
+        feedback_request(brick);
+        (*caster).missed = true;
+        (*caster).stopped = !DRAFT;
+    } else {
+        feedback_touch(brick);
+    }
+    return source;
+}
+
+// Stores what the ray has come to. `next`: the sample that it goes on with, where it is not finished.
+fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extreme: f32) {
+    if caster.is_idle {
+        return;
+    }
+    picture[caster.at] = color;
+    let is_pending = caster.stopped || caster.paused;
+    // A level that is left behind for good was skipped where no samples were taken.
+    let skipped = caster.skipped + select(walk.skipped, cast_skipped(caster, walk), !is_pending && (flags & RAY_ENDED) == 0u);
+    counts[caster.at] += vec2u(caster.samples, skipped);
+    if DRAFT {
+        if caster.missed {
+            feedback_pending(caster.at, caster.group, true);
+        }
+        return;
+    }
+    var state: RayState;
+    state.next = next;
+    state.flags = select(RAY_FINISHED, (flags & ~RAY_LEVEL_MASK) | caster.ray.level, is_pending);
+    state.extreme = extreme;
+    rays[caster.at] = state;
+    if is_pending {
+        feedback_pending(caster.at, caster.group, caster.stopped);
+    }
 }
 
 // The loops below nest run, brick, sample: what belongs to a run or a brick is done once for it. Software adapters execute
@@ -56,43 +196,49 @@ fn cast_dvr(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_id) local: vec3u,
 ) {
-    let tile_pixel = pixel_of_group(group.xy, groups.xy) + local.xy;
-    if any(tile_pixel >= frame.tile_size) {
-        return;
-    }
-    let ray = ray_for_pixel(frame.tile_origin + tile_pixel);
-    var walk = start_walk(ray, tile_pixel);
+    var state: RayState;
+    var walk: Walk;
+    var caster = cast_begin(group, groups, local, &state, &walk);
     var sum = vec4f(0.0);
-    var samples = 0u;
-    var terminated = false;
-    var more = next_run(ray, &walk);
+    if !DRAFT {
+        sum = picture[caster.at];
+    }
+    var ended = false;
+    var i = state.next;
+    var more = cast_next_run(&caster, &walk);
     while more {
-        var i = walk.first;
+        i = walk.first;
         loop {
-            var offset = ray_offset(ray, f32(i));
-            let brick = brick_at(offset);
+            var offset = ray_offset(caster.ray, f32(i));
+            let brick = brick_at(caster.ray.level, offset);
+            let source = cast_enter(&caster, brick, f32(i));
+            if caster.stopped {
+                break;
+            }
             loop {
-                let classified = classify_value(sample_value(brick, offset));
+                let at = source_offset(source, f32(i));
+                let classified = classify_value(caster.ray.level, sample_value(source.brick, at));
                 var color = classified.rgb;
                 if SHADED {
-                    color = shade_phong(color, sample_gradient(brick, offset), ray.direction);
+                    color = shade_phong(color, sample_gradient(source.brick, at), caster.ray.direction);
                 }
                 sum += vec4f(color, 1.0) * ((1.0 - sum.a) * classified.a);
-                samples += 1u;
+                caster.samples += 1u;
                 i += 1;
-                offset = ray_offset(ray, f32(i));
-                terminated = sum.a >= frame.opacity_cutoff;
-                if terminated || i > walk.last || !brick_contains(brick, offset) {
+                offset = ray_offset(caster.ray, f32(i));
+                ended = sum.a >= frame.opacity_cutoff;
+                if ended || i > walk.last || !brick_contains(brick, offset) {
                     break;
                 }
             }
-            if terminated || i > walk.last {
+            caster.paused = !ended && caster.samples >= frame.sample_limit;
+            if ended || caster.paused || i > walk.last {
                 break;
             }
         }
-        more = !terminated && next_run(ray, &walk);
+        more = !ended && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
     }
-    write_pixel(tile_pixel, sum, samples, walk, ray, terminated);
+    cast_end(caster, walk, sum, i, select(0u, RAY_ENDED, ended), 0.0);
 }
 
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
@@ -101,42 +247,48 @@ fn cast_mip(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_id) local: vec3u,
 ) {
-    let tile_pixel = pixel_of_group(group.xy, groups.xy) + local.xy;
-    if any(tile_pixel >= frame.tile_size) {
-        return;
-    }
-    let ray = ray_for_pixel(frame.tile_origin + tile_pixel);
-    var walk = start_walk(ray, tile_pixel);
+    var state: RayState;
+    var walk: Walk;
+    var caster = cast_begin(group, groups, local, &state, &walk);
     // Blocks that hold nothing above the volume's minimum are skipped: this is their maximum.
-    var greatest = frame.value_floor;
-    var samples = 0u;
-    var more = next_run(ray, &walk);
+    var greatest = max(frame.value_floor, select(frame.value_floor, state.extreme, (state.flags & RAY_INSIDE) != 0u));
+    var is_inside = caster.ray.first <= caster.ray.last || (state.flags & RAY_INSIDE) != 0u;
+    var i = state.next;
+    var more = cast_next_run(&caster, &walk);
     while more {
-        var i = walk.first;
+        is_inside = true;
+        i = walk.first;
         loop {
-            var offset = ray_offset(ray, f32(i));
-            let brick = brick_at(offset);
+            var offset = ray_offset(caster.ray, f32(i));
+            let brick = brick_at(caster.ray.level, offset);
+            let source = cast_enter(&caster, brick, f32(i));
+            if caster.stopped {
+                break;
+            }
             loop {
-                greatest = max(greatest, sample_value(brick, offset));
-                samples += 1u;
+                greatest = max(greatest, sample_value(source.brick, source_offset(source, f32(i))));
+                caster.samples += 1u;
                 i += 1;
-                offset = ray_offset(ray, f32(i));
+                offset = ray_offset(caster.ray, f32(i));
                 if i > walk.last || !brick_contains(brick, offset) {
                     break;
                 }
             }
-            if i > walk.last {
+            caster.paused = caster.samples >= frame.sample_limit;
+            if caster.paused || i > walk.last {
                 break;
             }
         }
-        more = next_run(ray, &walk);
+        more = !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
     }
+    // At a coarser level the ray may be inside where it was not before.
+    is_inside |= caster.ray.first <= caster.ray.last;
     var color = vec4f(0.0);
-    if ray.first <= ray.last {
-        let classified = classify_value(greatest);
+    if is_inside {
+        let classified = classify_value(caster.ray.level, greatest);
         color = vec4f(classified.rgb * classified.a, classified.a);
     }
-    write_pixel(tile_pixel, color, samples, walk, ray, false);
+    cast_end(caster, walk, color, i, select(0u, RAY_INSIDE, is_inside), greatest);
 }
 
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
@@ -145,62 +297,104 @@ fn cast_iso(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_id) local: vec3u,
 ) {
-    let tile_pixel = pixel_of_group(group.xy, groups.xy) + local.xy;
-    if any(tile_pixel >= frame.tile_size) {
-        return;
-    }
-    let ray = ray_for_pixel(frame.tile_origin + tile_pixel);
-    var walk = start_walk(ray, tile_pixel);
-    var samples = 0u;
-    var above_before = false;
+    var state: RayState;
+    var walk: Walk;
+    var caster = cast_begin(group, groups, local, &state, &walk);
+    var above_before = (state.flags & RAY_ABOVE) != 0u;
     // The sample that `above_before` belongs to: a run that doesn't continue the last one starts afresh.
-    var before = -2;
+    var before = select(-2, state.next - 1, (state.flags & RAY_HAS_BEFORE) != 0u);
+    // Levels don't continue each other: a segment has one level (design.md §3).
+    var level_before = caster.ray.level;
     var hit = false;
-    var more = next_run(ray, &walk);
+    var i = state.next;
+    var more = cast_next_run(&caster, &walk);
     while more {
-        var i = walk.first;
+        before = select(-2, before, caster.ray.level == level_before);
+        level_before = caster.ray.level;
+        i = walk.first;
         loop {
-            var offset = ray_offset(ray, f32(i));
-            let brick = brick_at(offset);
+            var offset = ray_offset(caster.ray, f32(i));
+            let brick = brick_at(caster.ray.level, offset);
+            let source = cast_enter(&caster, brick, f32(i));
+            if caster.stopped {
+                break;
+            }
             loop {
-                let above = sample_value(brick, offset) >= frame.iso;
+                let above = sample_value(source.brick, source_offset(source, f32(i))) >= frame.iso;
                 hit = before == i - 1 && above != above_before;
                 above_before = above;
                 before = i;
-                samples += 1u;
+                caster.samples += 1u;
                 i += 1;
-                offset = ray_offset(ray, f32(i));
+                offset = ray_offset(caster.ray, f32(i));
                 if hit || i > walk.last || !brick_contains(brick, offset) {
                     break;
                 }
             }
-            if hit || i > walk.last {
+            caster.paused = !hit && caster.samples >= frame.sample_limit;
+            if hit || caster.paused || i > walk.last {
                 break;
             }
         }
-        more = !hit && next_run(ray, &walk);
+        more = !hit && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
     }
     // The hit lies between samples `before` − 1 and `before`.
-    let offset = ray_offset(ray, refine_hit(ray, f32(before), above_before));
-    var surface = frame.iso_color.rgb;
+    let surface = refine_hit(&caster, f32(before), above_before, hit);
+    var color = frame.iso_color.rgb;
     if SHADED {
-        surface = shade_phong(surface, sample_gradient(brick_at(offset), offset), ray.direction);
+        let gradient = sample_gradient(surface.source.brick, source_offset(surface.source, surface.index));
+        color = shade_phong(color, gradient, caster.ray.direction);
     }
-    write_pixel(tile_pixel, select(vec4f(0.0), vec4f(surface, 1.0), hit), samples, walk, ray, hit);
+    if hit && caster.stopped {
+        // The last sample is taken once more when the bricks around the hit are there.
+        hit = false;
+        i = before;
+        before -= 1;
+        above_before = !above_before;
+        caster.samples -= 1u;
+    }
+    let flags = select(0u, RAY_ENDED, hit) | select(0u, RAY_ABOVE, above_before)
+        | select(0u, RAY_HAS_BEFORE, before == i - 1);
+    cast_end(caster, walk, select(vec4f(0.0), vec4f(color, 1.0), hit), i, flags, 0.0);
 }
 
-// Six bisection steps between sample `index`, on the new side, and the one before (techniques.md T1.3).
-fn refine_hit(ray: Ray, index: f32, above: bool) -> f32 {
-    if !REFINED {
-        return index;
+// A point of the surface: its place in samples, and what it is read from.
+struct Hit {
+    index: f32,
+    source: Source,
+}
+
+// Six bisection steps between sample `index`, on the new side, and the one before (techniques.md T1.3). Where a brick is
+// missing on the way, the ray stops.
+fn refine_hit(caster: ptr<function, Cast>, index: f32, above: bool, hit: bool) -> Hit {
+    var at = index;
+    if REFINED {
+        at = index - 0.5;
+        var reach = 0.25;
+        for (var k = 0; k < 6; k++) {
+            let source = probe(caster, at, hit, false);
+            let beyond = (sample_value(source.brick, source_offset(source, at)) >= frame.iso) == above;
+            at += select(reach, -reach, beyond);
+            reach *= 0.5;
+        }
     }
-    var at = index - 0.5;
-    var reach = 0.25;
-    for (var k = 0; k < 6; k++) {
-        let offset = ray_offset(ray, at);
-        let beyond = (sample_value(brick_at(offset), offset) >= frame.iso) == above;
-        at += select(reach, -reach, beyond);
-        reach *= 0.5;
+    return Hit(at, probe(caster, at, hit, SHADED));
+}
+
+// The source at `index`, any number between samples. With `voxels` the voxels themselves are needed (for a gradient), also
+// of a brick that is empty.
+fn probe(caster: ptr<function, Cast>, index: f32, hit: bool, voxels: bool) -> Source {
+    var brick = brick_at((*caster).ray.level, ray_offset((*caster).ray, index));
+    if voxels && brick.is_absent {
+        brick.tag = TAG_ABSENT;
     }
-    return at;
+    let source = source_of(*caster, brick, index);
+    if hit && source.is_missing {
+        feedback_request(brick);
+        (*caster).missed = true;
+        (*caster).stopped = !DRAFT;
+    } else if hit {
+        feedback_touch(brick);
+    }
+    return source;
 }

@@ -120,9 +120,12 @@ pub(super) struct PictureArgs {
     /// Refine iso-surfaces by bisection
     #[arg(long, value_enum, default_value = "on", help_heading = "Sampling")]
     refine: Switch,
-    /// Level of detail: auto (the finest that fits the memory) or a level's number
+    /// Level of detail: auto (by distance, see --lod-error) or a level's number
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = args::lod, help_heading = "Sampling")]
     lod: LodChoice,
+    /// With --lod auto: how many pixels a voxel of the level may be wide
+    #[arg(long, value_name = "PIXELS", default_value_t = PictureSettings::LOD_ERROR, value_parser = args::positive, help_heading = "Sampling")]
+    lod_error: f64,
     /// A ray ends at this opacity
     #[arg(long, default_value = "0.99", value_parser = args::cutoff, help_heading = "Sampling")]
     opacity_cutoff: f32,
@@ -158,6 +161,9 @@ pub(super) struct PictureArgs {
     /// Bound of all memory on the graphics adapter [default: what it can give]
     #[arg(long, value_name = "SIZE", help_heading = "Machine")]
     gpu_memory: Option<ByteSize>,
+    /// Decoded bricks kept in host memory [default: 1GiB]
+    #[arg(long, value_name = "SIZE", help_heading = "Machine")]
+    ram: Option<ByteSize>,
     /// How rays are walked; both give the same picture
     #[arg(long, value_enum, default_value = "default", help_heading = "Machine")]
     technique: TechniqueArg,
@@ -176,10 +182,12 @@ impl PictureArgs {
             "cpu" => DeviceChoice::Cpu,
             name => DeviceChoice::Named(name.to_owned()),
         };
+        let default = EngineOptions::default();
         EngineOptions {
             device,
             gpu_memory_bytes: self.gpu_memory.map(|s| s.0),
-            ..EngineOptions::default()
+            ram_bytes: self.ram.map_or(default.ram_bytes, |s| s.0),
+            ..default
         }
     }
 
@@ -219,6 +227,7 @@ impl PictureArgs {
             },
             refine: self.refine == Switch::On,
             lod: self.lod,
+            lod_error: self.lod_error,
             opacity_cutoff: self.opacity_cutoff,
             technique: match self.technique {
                 TechniqueArg::Default => Technique::Default,

@@ -4,7 +4,7 @@
 //! device is the CPU. No algorithm lives here, and nothing above it names `render`, `gpu` or `pager`.
 
 #[cfg(feature = "gpu")]
-mod gpu_device;
+mod device;
 mod options;
 mod picture;
 
@@ -12,14 +12,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-pub use options::{DeviceChoice, EngineError, EngineOptions, SampleFilter};
+pub use options::{
+    DeviceChoice, EngineError, EngineOptions, ReadHook, ReadHookOption, SampleFilter,
+};
 pub use picture::Picture;
 
-use crate::geom::Lod;
 use crate::reference;
-use crate::scene::{
-    Classified, GridParams, LodChoice, PictureSettings, PictureStats, RayFrame, SceneError,
-};
+use crate::scene::{Classified, GridParams, PictureSettings, PictureStats, RayFrame, SceneError};
 use crate::store::{Store, StoreMeta};
 
 /// A store and the device that draws it.
@@ -36,7 +35,7 @@ pub struct Engine {
 enum Device {
     Cpu,
     #[cfg(feature = "gpu")]
-    Gpu(Box<gpu_device::GpuDevice>),
+    Gpu(Box<device::GpuDevice>),
 }
 
 impl Engine {
@@ -92,7 +91,7 @@ impl Engine {
         let mut picture = match &mut self.device {
             Device::Cpu => render_on_cpu(&self.store, &self.options, settings)?,
             #[cfg(feature = "gpu")]
-            Device::Gpu(gpu) => gpu.render(&self.store, settings)?,
+            Device::Gpu(gpu) => gpu.render(settings)?,
         };
         let wall_ms = begin.elapsed().as_secs_f64() * 1e3;
         let stats = &mut picture.stats;
@@ -120,7 +119,7 @@ fn open_device(
         DeviceChoice::SoftwareGpu => AdapterChoice::SoftwareFirst,
         DeviceChoice::Named(name) => AdapterChoice::Named(name.clone()),
     };
-    match gpu_device::GpuDevice::open(&choice, store, options) {
+    match device::GpuDevice::open(&choice, store, options) {
         Ok(gpu) => Ok((Device::Gpu(Box::new(gpu)), None)),
         Err(EngineError::Gpu(error @ (GpuError::NoAdapter | GpuError::NoDevice { .. })))
             if options.device == DeviceChoice::Auto =>
@@ -146,34 +145,21 @@ fn open_device(
     }
 }
 
-/// The level to draw when it is not the memory that decides.
-fn chosen_level(store: &Store, choice: LodChoice) -> Result<Lod, SceneError> {
-    match choice {
-        LodChoice::Auto => Ok(Lod(0)),
-        LodChoice::Fixed(lod) if usize::from(lod.0) < store.levels() => Ok(lod),
-        LodChoice::Fixed(lod) => Err(SceneError::NoSuchLevel {
-            asked: lod.0,
-            last: store.levels() - 1,
-        }),
-    }
-}
-
-/// The sample grid and the classification of a picture drawn at `lod`.
+/// The sample grid and the classification of a picture.
 fn prepare(
     store: &Store,
-    lod: Lod,
     settings: &PictureSettings,
 ) -> Result<(RayFrame, Classified), SceneError> {
     let meta = store.meta();
     let params = GridParams {
         dims: meta.dims,
-        level_scale: store.level(lod).scale,
-        lod: lod.0,
+        level_scales: meta.levels.iter().map(|l| l.scale).collect(),
+        lod: settings.lod_rule(),
         world_from_index: meta.world_from_index,
         step: settings.step,
     };
     let rays = RayFrame::new(&settings.camera, settings.size, &params)?;
-    let classified = Classified::new(settings, meta, rays.step_mm_exact)?;
+    let classified = Classified::new(settings, meta, &rays)?;
     Ok((rays, classified))
 }
 
@@ -182,16 +168,20 @@ fn render_on_cpu(
     options: &EngineOptions,
     settings: &PictureSettings,
 ) -> Result<Picture, EngineError> {
-    let lod = chosen_level(store, settings.lod)?;
-    let (rays, classified) = prepare(store, lod, settings)?;
-    let field = reference::VoxelField::new(store, lod, options.ram_bytes);
-    let drawn = reference::render(&field, &rays, &classified, settings)?;
+    let (rays, classified) = prepare(store, settings)?;
+    let share = options.ram_bytes / rays.used_levels as u64;
+    let mut fields = Vec::with_capacity(rays.used_levels);
+    for level in rays.used() {
+        store.check_level(level.lod)?;
+        fields.push(reference::VoxelField::new(store, level.lod, share));
+    }
+    let drawn = reference::render(&fields, &rays, &classified, settings)?;
     let stats = PictureStats {
         device: "cpu".into(),
         samples: drawn.counts.samples,
         samples_skipped: drawn.counts.skipped,
         bricks_read: Some(drawn.bricks_read),
-        lod: lod.0,
+        lod: rays.levels[0].lod.0,
         ..PictureStats::default()
     };
     Ok(Picture {

@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+pub use crate::pager::ReadHook;
 use crate::scene::SceneError;
 use crate::store::StoreError;
 
@@ -33,8 +34,18 @@ pub enum DeviceChoice {
     Named(String),
 }
 
+/// A [`ReadHook`] as an option.
+#[derive(Clone)]
+pub struct ReadHookOption(pub ReadHook);
+
+impl std::fmt::Debug for ReadHookOption {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a hook")
+    }
+}
+
 /// Device and budgets.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct EngineOptions {
     /// Which device draws.
     pub device: DeviceChoice,
@@ -50,6 +61,12 @@ pub struct EngineOptions {
     pub use_optional_features: bool,
     /// The order in which atlas slots are given out, for tests: 0 is rising, others are shuffled.
     pub slot_order_seed: u64,
+    /// Atlas slots in use at most, for tests; `None`: as many as the memory holds.
+    pub max_slots: Option<u64>,
+    /// Edge of an atlas texture at most, texels, for tests; more than the adapter's is the adapter's.
+    pub max_atlas_edge: u32,
+    /// Called before each brick is read, for tests: may wait, and may fail in the brick's place.
+    pub read_hook: Option<ReadHookOption>,
 }
 
 impl Default for EngineOptions {
@@ -62,6 +79,9 @@ impl Default for EngineOptions {
             filter: SampleFilter::default(),
             use_optional_features: true,
             slot_order_seed: 0,
+            max_slots: None,
+            max_atlas_edge: u32::MAX,
+            read_hook: None,
         }
     }
 }
@@ -77,6 +97,12 @@ pub enum EngineError {
     #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] crate::gpu::GpuError),
+    #[error(transparent)]
+    Pager(#[from] crate::pager::PagerError),
+    #[error(
+        "the store has {levels} levels, but at most {most} can be drawn on a GPU; render with --device cpu, or brick with fewer --levels"
+    )]
+    TooManyLevels { levels: usize, most: u32 },
     #[error("the bounding mesh: {0}")]
     Mesh(#[from] crate::proxy::ProxyError),
     #[error("cannot start the decoders: {0}")]
@@ -88,10 +114,9 @@ pub enum EngineError {
     )]
     GpuMemory { given: u64, least: u64 },
     #[error(
-        "level {lod} needs {needed} bricks in GPU memory, but {slots} fit into --gpu-memory of {budget} bytes; give more memory or a coarser --lod"
+        "rays of this step need up to {needed} bricks in GPU memory at once (the coarsest level's included), but {slots} fit into --gpu-memory of {budget} bytes; give more memory, or a smaller --size or --step"
     )]
     Atlas {
-        lod: u8,
         needed: u64,
         slots: u64,
         budget: u64,

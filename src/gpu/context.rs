@@ -145,6 +145,20 @@ impl GpuContext {
         }
     }
 
+    /// Lets finished work call back, without waiting.
+    ///
+    /// # Errors
+    /// The device is lost.
+    pub fn poll(&self) -> Result<(), GpuError> {
+        self.device
+            .poll(wgpu::PollType::Poll)
+            .map(|_| ())
+            .map_err(|e| GpuError::Device {
+                doing: "asking the GPU what is finished",
+                reason: e.to_string(),
+            })
+    }
+
     /// Waits until the device has done all that was submitted.
     ///
     /// # Errors

@@ -32,50 +32,81 @@ macro_rules! shared {
 }
 
 shared! {
-    /// One frame, as `shaders/lib/types.wgsl` documents it field by field.
+    /// One level of a frame, as `shaders/lib/types.wgsl` documents it field by field.
     #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
-    FrameUniforms as FRAME_UNIFORMS {
-        world_dir: [[f32; 4]; 3],
+    LevelUniforms as LEVEL_UNIFORMS {
         level_dir: [[f32; 4]; 3],
         level_origin: [[f32; 4]; 3],
         box_min: [f32; 4],
         box_max: [f32; 4],
         normal_from_gradient: [[f32; 4]; 3],
+        anchor: [i32; 4],
+        bricks: [u32; 4],
+        indirection_origin: [u32; 4],
+        begin: i32,
+        last: i32,
+        lut_offset: u32,
+        step_mm: f32,
+    }
+}
+
+shared! {
+    /// One frame, as `shaders/lib/types.wgsl` documents it field by field.
+    #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
+    FrameUniforms as FRAME_UNIFORMS {
+        world_dir: [[f32; 4]; 3],
         to_light: [f32; 4],
         material: [f32; 4],
         iso_color: [f32; 4],
         clip_from_offset: [[f32; 4]; 4],
-        anchor: [i32; 4],
-        level_bricks: [u32; 4],
-        indirection_origin: [u32; 4],
+        mesh_anchor: [i32; 4],
         atlas_slots: [u32; 4],
         texture_from_atlas: [f32; 4],
         picture_size: [u32; 2],
         tile_origin: [u32; 2],
         tile_size: [u32; 2],
+        part_size: [u32; 2],
         last_index: u32,
         flags: u32,
-        step_mm: f32,
         first_mm: f32,
         near_mm: f32,
         opacity_cutoff: f32,
         depth_scale: f32,
         depth_bias: f32,
-        slack: f32,
+        slack_mm: f32,
         iso: f32,
         lut_scale: f32,
         lut_lo: f32,
         lut_last: f32,
         value_scale: f32,
         value_floor: f32,
-        group_stride: u32,
-        pad1: f32,
-        pad2: f32,
+        empty_below: f32,
+        empty_above: f32,
+        used_levels: u32,
+        all_levels: u32,
+        sample_limit: u32,
+        dispatch: u32,
+        finest_lod: u32,
+        stamps_at: u32,
+        bits_at: u32,
+        groups_at: u32,
+        levels: [LevelUniforms; MAX_LEVELS as usize],
+    }
+}
+
+shared! {
+    /// Where a ray stands between two dispatches, as `shaders/lib/types.wgsl` documents it field by field.
+    #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
+    RayState as RAY_STATE {
+        next: i32,
+        flags: u32,
+        extreme: f32,
+        pad: u32,
     }
 }
 
 /// All shared structs.
-pub const SHARED_STRUCTS: &[SharedStruct] = &[FRAME_UNIFORMS];
+pub const SHARED_STRUCTS: &[SharedStruct] = &[LEVEL_UNIFORMS, FRAME_UNIFORMS, RAY_STATE];
 
 macro_rules! constants {
     ($($(#[$meta:meta])* $name:ident = $value:expr;)*) => {
@@ -99,6 +130,8 @@ macro_rules! constants {
 }
 
 constants! {
+    /// Most levels of a volume: 2²⁴ voxels along an axis.
+    MAX_LEVELS = 20;
     /// Switch of `FrameUniforms::flags`: mesh interval, brick and block skipping.
     FLAG_SKIP = 1;
     /// Place of the tag bits in an indirection word.
@@ -107,14 +140,48 @@ constants! {
     PAYLOAD_MASK = (1 << 30) - 1;
     /// Tag: not resident.
     TAG_ABSENT = 0;
-    /// Tag: the payload is a slot, 10 bits each of its x, y, z.
+    /// Tag: the payload is a slot: 9 bits each of its x, y, z, 2 bits of its texture.
     TAG_SLOT = 1;
     /// Tag: the payload is a place in the buffer of constants.
     TAG_CONSTANT = 2;
-    /// Activity of a brick: no block can be visible.
+    /// Activity of a brick: nothing in it can be visible, all values are below the iso-value.
     BRICK_EMPTY = 0;
     /// Activity of a brick: its occupancy tells.
     BRICK_MIXED = 1;
-    /// Activity of a brick: every block can be visible.
+    /// Activity of a brick: every block can be visible, or it is not known which.
     BRICK_FULL = 2;
+    /// Activity of a brick: nothing in it can be visible, all values are above the iso-value.
+    BRICK_EMPTY_ABOVE = 3;
+    /// Bits of `RayState::flags` that hold the ray's level.
+    RAY_LEVEL_MASK = 255;
+    /// Bit of `RayState::flags`: nothing more to do.
+    RAY_FINISHED = 1 << 31;
+    /// The ray ended before the volume did; the rest is not skipped, but behind something.
+    RAY_ENDED = 1 << 8;
+    /// The last sample lies above the iso-value.
+    RAY_ABOVE = 1 << 9;
+    /// There was a sample right before `next`.
+    RAY_HAS_BEFORE = 1 << 10;
+    /// The ray meets the volume.
+    RAY_INSIDE = 1 << 11;
+    /// Word of the feedback: 2³² − 1 − number of the first stopped pixel of the tile; 0 when none stopped.
+    FEEDBACK_FIRST_STOPPED = 0;
+    /// Word of the feedback: rays that stopped.
+    FEEDBACK_STOPPED = 1;
+    /// Word of the feedback: bricks that were asked for, also those that no longer fit the list.
+    FEEDBACK_LISTED = 2;
+    /// Words of the feedback: unfinished rays of each work-group of a tile.
+    FEEDBACK_PENDING = 16;
+    /// Bits of a brick's hash under which the rays that miss it are counted.
+    FEEDBACK_RAYS_BITS = 12;
+    /// Words of the feedback: rays by hash.
+    FEEDBACK_RAYS = FEEDBACK_PENDING + MAX_GROUPS;
+    /// Words of the feedback: the list of bricks.
+    FEEDBACK_LIST = FEEDBACK_RAYS + (1 << FEEDBACK_RAYS_BITS);
+    /// Bricks that fit the list.
+    FEEDBACK_LIST_MAX = 1 << 14;
+    /// Words of the feedback up to here are of one dispatch.
+    FEEDBACK_HEAD = FEEDBACK_LIST + FEEDBACK_LIST_MAX;
+    /// Most work-groups of a tile.
+    MAX_GROUPS = 1 << 14;
 }

@@ -2,13 +2,13 @@
 
 use super::{GpuContext, GpuError};
 
-/// The bytes of each buffer (usage `COPY_SRC`), after all work submitted so far.
+/// A range of each buffer (usage `COPY_SRC`) as (buffer, offset, bytes), after all work submitted so far.
 ///
 /// # Errors
 /// The device is lost or refuses to map.
 pub fn read_buffers<const N: usize>(
     gpu: &GpuContext,
-    sources: [(&wgpu::Buffer, u64); N],
+    sources: [(&wgpu::Buffer, u64, u64); N],
 ) -> Result<[Vec<u8>; N], GpuError> {
     let failed = |reason: String| GpuError::Device {
         doing: "reading the picture back",
@@ -19,14 +19,14 @@ pub fn read_buffers<const N: usize>(
         .create_command_encoder(&wgpu::CommandEncoderDescriptor {
             label: Some("gpu.readback"),
         });
-    let targets = sources.map(|(source, size)| {
+    let targets = sources.map(|(source, offset, size)| {
         let target = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("gpu.readback"),
             size,
             usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
         });
-        encoder.copy_buffer_to_buffer(source, 0, &target, 0, size);
+        encoder.copy_buffer_to_buffer(source, offset, &target, 0, size);
         target
     });
     gpu.queue.submit([encoder.finish()]);

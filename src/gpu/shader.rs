@@ -62,6 +62,7 @@ const CLASSIFY: Part = part!("lib/classify.wgsl");
 const SHADE: Part = part!("lib/shade.wgsl");
 const INTERVAL: Part = part!("lib/interval.wgsl");
 const WALK: Part = part!("lib/walk.wgsl");
+const FEEDBACK: Part = part!("lib/feedback.wgsl");
 const RAYCAST: Part = part!("pass/raycast.wgsl");
 
 /// The depth raster of the bounding mesh.
@@ -85,6 +86,7 @@ pub const RAYCAST_FILTERED: ShaderSource = ShaderSource {
         SHADE,
         INTERVAL,
         WALK,
+        FEEDBACK,
         RAYCAST,
     ],
 };
@@ -105,6 +107,7 @@ pub const RAYCAST_FLOAT: ShaderSource = ShaderSource {
         SHADE,
         INTERVAL,
         WALK,
+        FEEDBACK,
         RAYCAST,
     ],
 };
@@ -125,6 +128,7 @@ pub const RAYCAST_UINT: ShaderSource = ShaderSource {
         SHADE,
         INTERVAL,
         WALK,
+        FEEDBACK,
         RAYCAST,
     ],
 };

@@ -71,18 +71,29 @@ impl Staging {
         Ok(())
     }
 
+    /// Submits what is staged without waiting for it; waits only when half a burst is under way.
+    ///
+    /// # Errors
+    /// The device is lost.
+    pub fn submit(&mut self, gpu: &GpuContext) -> Result<(), GpuError> {
+        if let Some(encoder) = self.encoder.take() {
+            self.belt.finish();
+            gpu.queue.submit([encoder.finish()]);
+            self.belt.recall();
+        }
+        if self.in_burst > self.burst_bytes / 2 {
+            self.in_burst = 0;
+            gpu.wait()?;
+        }
+        Ok(())
+    }
+
     /// Submits what is staged, waits for it, and takes the chunks back.
     ///
     /// # Errors
     /// The device is lost.
     pub fn flush(&mut self, gpu: &GpuContext) -> Result<(), GpuError> {
-        self.in_burst = 0;
-        let Some(encoder) = self.encoder.take() else {
-            return Ok(());
-        };
-        self.belt.finish();
-        gpu.queue.submit([encoder.finish()]);
-        self.belt.recall();
-        gpu.wait()
+        self.in_burst = self.burst_bytes;
+        self.submit(gpu)
     }
 }

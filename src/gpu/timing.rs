@@ -72,11 +72,11 @@ impl PassTimer {
             })
     }
 
-    /// Records the end of timing into `encoder`, after the passes.
-    pub fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
-        if let Some(q) = self.queries.as_ref().filter(|_| !self.names.is_empty()) {
-            encoder.resolve_query_set(&q.set, 0..self.names.len() as u32 * 2, &q.buffer, 0);
-        }
+    /// True when there is no place for `passes` more: time to [`Self::read`].
+    pub fn is_full_for(&self, passes: u32) -> bool {
+        self.queries
+            .as_ref()
+            .is_some_and(|q| self.names.len() as u32 + passes > q.capacity)
     }
 
     /// Milliseconds by name, summed over passes of one name, and a fresh start; `None` without timestamps. Blocks.
@@ -91,7 +91,14 @@ impl PassTimer {
         if names.is_empty() {
             return Ok(Some(BTreeMap::new()));
         }
-        let [bytes] = read_buffers(gpu, [(&q.buffer, names.len() as u64 * 16)])?;
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor {
+                label: Some("gpu.timing"),
+            });
+        encoder.resolve_query_set(&q.set, 0..names.len() as u32 * 2, &q.buffer, 0);
+        gpu.queue.submit([encoder.finish()]);
+        let [bytes] = read_buffers(gpu, [(&q.buffer, 0, names.len() as u64 * 16)])?;
         let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&bytes);
         let period_ns = f64::from(gpu.queue.get_timestamp_period());
         let mut sums = BTreeMap::new();

@@ -56,6 +56,23 @@ const CONSTANTS: BindGroupLayoutEntry = compute(3, READ);
 const ACTIVITY: BindGroupLayoutEntry = compute(4, READ);
 const OCCUPANCY: BindGroupLayoutEntry = compute(5, READ);
 
+/// Entries of group 1: the first atlas texture, a sampler where there is one, the tables, the other atlas textures.
+macro_rules! volume_entries {
+    ($sample:expr $(, $sampler:expr)?) => {
+        &[
+            compute(0, volume($sample)),
+            $($sampler,)?
+            PAGE_TABLE,
+            CONSTANTS,
+            ACTIVITY,
+            OCCUPANCY,
+            compute(6, volume($sample)),
+            compute(7, volume($sample)),
+            compute(8, volume($sample)),
+        ]
+    };
+}
+
 /// Group 0: `bind/frame.wgsl`.
 pub const FRAME: Entries = &[
     entry(
@@ -67,32 +84,16 @@ pub const FRAME: Entries = &[
 ];
 
 /// Group 1: `bind/volume.wgsl` with `bind/atlas_filtered.wgsl`.
-pub const VOLUME_FILTERED: Entries = &[
-    compute(0, volume(TextureSampleType::Float { filterable: true })),
-    compute(1, BindingType::Sampler(SamplerBindingType::Filtering)),
-    PAGE_TABLE,
-    CONSTANTS,
-    ACTIVITY,
-    OCCUPANCY,
-];
+pub const VOLUME_FILTERED: Entries = volume_entries!(
+    TextureSampleType::Float { filterable: true },
+    compute(1, BindingType::Sampler(SamplerBindingType::Filtering))
+);
 
 /// Group 1: `bind/volume.wgsl` with `bind/atlas_float.wgsl`.
-pub const VOLUME_FLOAT: Entries = &[
-    compute(0, volume(TextureSampleType::Float { filterable: false })),
-    PAGE_TABLE,
-    CONSTANTS,
-    ACTIVITY,
-    OCCUPANCY,
-];
+pub const VOLUME_FLOAT: Entries = volume_entries!(TextureSampleType::Float { filterable: false });
 
 /// Group 1: `bind/volume.wgsl` with `bind/atlas_uint.wgsl`.
-pub const VOLUME_UINT: Entries = &[
-    compute(0, volume(TextureSampleType::Uint)),
-    PAGE_TABLE,
-    CONSTANTS,
-    ACTIVITY,
-    OCCUPANCY,
-];
+pub const VOLUME_UINT: Entries = volume_entries!(TextureSampleType::Uint);
 
 /// Group 2 of the caster: `pass/raycast.wgsl`.
 pub const RAYCAST: Entries = &[
@@ -101,6 +102,8 @@ pub const RAYCAST: Entries = &[
     compute(2, DEPTH),
     compute(3, WRITE),
     compute(4, WRITE),
+    compute(5, WRITE),
+    compute(6, WRITE),
 ];
 
 /// Every shader with its groups, in order.

@@ -1,12 +1,13 @@
-//! Bind group 0: one frame, or one tile of it.
+//! Bind group 0: one frame, or one dispatch of it.
 
 use glam::{DAffine3, DMat4, DVec3, DVec4, Vec3};
 
 use crate::camera::Projection;
+use crate::classify::LUT_ENTRIES;
 use crate::geom::BLOCK_EDGE;
 use crate::gpu::GpuContext;
-use crate::gpu::layout::{FLAG_SKIP, FrameUniforms};
-use crate::scene::{Classified, PictureSettings, RayFrame};
+use crate::gpu::layout::{FLAG_SKIP, FrameUniforms, LevelUniforms, MAX_LEVELS};
+use crate::scene::{Classified, LevelFrame, Mode, PictureSettings, RayFrame};
 
 use super::bindings;
 use super::residency::Residency;
@@ -19,24 +20,41 @@ pub(super) const BOUNDS_MARGIN: u32 = 1;
 pub struct FrameInputs<'a> {
     /// The sample grid.
     pub rays: &'a RayFrame,
-    /// Table and iso-value.
+    /// Tables and iso-value.
     pub classified: &'a Classified,
     /// The switches.
     pub settings: &'a PictureSettings,
     /// The volume's least stored value.
     pub value_floor: f32,
-    /// Mesh interval, brick and block skipping? Without, every brick of the level must be resident.
+    /// Mesh interval, brick and block skipping? Without, every sample of every ray is taken.
     pub skip: bool,
 }
 
 /// A tile of the picture, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Tile {
-    pub(super) origin: [u32; 2],
-    pub(super) size: [u32; 2],
+pub struct Tile {
+    /// Its first pixel.
+    pub origin: [u32; 2],
+    /// Width and height: of the buffers, which a tile at the picture's edge need not fill.
+    pub size: [u32; 2],
+    /// The part of it that lies inside the picture.
+    pub part_size: [u32; 2],
 }
 
-/// The uniform buffer, the table, and their bind group.
+/// What changes from dispatch to dispatch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DispatchParams {
+    pub(super) tile: Tile,
+    /// Samples after which a ray goes on in the next dispatch.
+    pub(super) sample_limit: u32,
+    /// Counts dispatches, from 1.
+    pub(super) dispatch: u32,
+}
+
+/// Bytes of one level's table.
+const LUT_BYTES: u64 = LUT_ENTRIES as u64 * 16;
+
+/// The uniform buffer, the tables of all levels, and their bind group.
 #[derive(Debug)]
 pub(super) struct FrameBindings {
     uniforms: wgpu::Buffer,
@@ -46,7 +64,8 @@ pub(super) struct FrameBindings {
 }
 
 impl FrameBindings {
-    pub(super) fn new(gpu: &GpuContext, lut_entries: usize) -> Self {
+    /// Bindings for frames of at most `levels` levels.
+    pub(super) fn new(gpu: &GpuContext, levels: usize) -> Self {
         let device = &gpu.device;
         let buffer = |label, size: usize, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -61,7 +80,11 @@ impl FrameBindings {
             size_of::<FrameUniforms>(),
             wgpu::BufferUsages::UNIFORM,
         );
-        let lut = buffer("frame.lut", lut_entries * 16, wgpu::BufferUsages::STORAGE);
+        let lut = buffer(
+            "frame.lut",
+            levels * LUT_BYTES as usize,
+            wgpu::BufferUsages::STORAGE,
+        );
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame.layout"),
             entries: bindings::FRAME,
@@ -88,13 +111,17 @@ impl FrameBindings {
         }
     }
 
-    pub(super) fn bytes(&self) -> u64 {
-        self.uniforms.size() + self.lut.size()
+    /// Bytes of the bindings for `levels` levels.
+    pub(super) fn bytes_for(levels: usize) -> u64 {
+        size_of::<FrameUniforms>() as u64 + levels as u64 * LUT_BYTES
     }
 
-    pub(super) fn write_lut(&self, gpu: &GpuContext, classified: &Classified) {
-        gpu.queue
-            .write_buffer(&self.lut, 0, bytemuck::cast_slice(classified.lut.entries()));
+    pub(super) fn write_tables(&self, gpu: &GpuContext, classified: &Classified) {
+        let places = (0..).step_by(LUT_BYTES as usize);
+        for (level, place) in classified.levels.iter().zip(places) {
+            let bytes = bytemuck::cast_slice(level.lut.entries());
+            gpu.queue.write_buffer(&self.lut, place, bytes);
+        }
     }
 
     pub(super) fn write(
@@ -102,41 +129,18 @@ impl FrameBindings {
         gpu: &GpuContext,
         inputs: &FrameInputs<'_>,
         volume: &Residency,
-        tile: Tile,
-        groups: u32,
+        params: &DispatchParams,
     ) {
-        let stride = if gpu.caps.is_software {
-            spreading_stride(groups)
-        } else {
-            1
-        };
-        gpu.queue.write_buffer(
-            &self.uniforms,
-            0,
-            bytemuck::bytes_of(&uniforms(inputs, volume, tile, stride)),
-        );
+        let uniforms = uniforms(inputs, volume, params);
+        gpu.queue
+            .write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
     }
-}
-
-/// A stride through `count` work-groups that meets each once and spreads neighbours far apart: near the golden section of
-/// `count`, and coprime with it. At most 2¹⁴ groups make a tile, so that number times stride fits 32 bits.
-fn spreading_stride(count: u32) -> u32 {
-    let coprime = |a: u32| {
-        let (mut a, mut b) = (a, count);
-        while b != 0 {
-            (a, b) = (b, a % b);
-        }
-        a == 1
-    };
-    let golden = (f64::from(count) * 0.618) as u32;
-    (golden.max(1)..count).find(|&s| coprime(s)).unwrap_or(1)
 }
 
 fn uniforms(
     inputs: &FrameInputs<'_>,
     volume: &Residency,
-    tile: Tile,
-    group_stride: u32,
+    params: &DispatchParams,
 ) -> FrameUniforms {
     let FrameInputs {
         rays,
@@ -145,21 +149,21 @@ fn uniforms(
         value_floor,
         skip,
     } = *inputs;
+    let tile = params.tile;
     let depth = DepthRange::new(rays);
-    let [lut_lo, lut_scale] = classified.lut.index_lo_scale();
+    let table = &classified.levels[0].lut;
+    let [lut_lo, lut_scale] = table.index_lo_scale();
     let shading = &settings.shading;
     let light = shading.light.map(|d| (-d).normalize_or_zero().as_vec3());
     let iso_color = settings.classification.iso.map_or(Vec3::ONE, |s| s.color);
+    let mesh_level = rays.coarsest_used();
+    let places = volume.feedback_places();
+    let mut levels = [LevelUniforms::default(); MAX_LEVELS as usize];
+    for ((number, level), uniforms) in rays.levels.iter().enumerate().zip(&mut levels) {
+        *uniforms = level_uniforms(number, level, settings.mode, volume);
+    }
     FrameUniforms {
         world_dir: rays.world_dir.map(padded),
-        level_dir: rays.level_dir.map(padded),
-        level_origin: rays.level_origin.map(padded),
-        box_min: padded(rays.box_min),
-        box_max: padded(rays.box_max),
-        normal_from_gradient: rays
-            .normal_from_gradient
-            .to_cols_array_2d()
-            .map(|c| padded(Vec3::from_array(c))),
         to_light: light.map_or([0.0, 0.0, 0.0, 1.0], padded),
         material: [
             shading.ambient,
@@ -171,32 +175,71 @@ fn uniforms(
         clip_from_offset: clip_from_offset(rays, depth, tile)
             .as_mat4()
             .to_cols_array_2d(),
-        anchor: rays.anchor.extend(0).to_array(),
-        level_bricks: volume.level_bricks().extend(0).to_array(),
-        indirection_origin: volume.indirection_origin().extend(0).to_array(),
+        mesh_anchor: mesh_level.anchor.extend(0).to_array(),
         atlas_slots: volume.shape().slots().extend(0).to_array(),
         texture_from_atlas: padded(1.0 / volume.shape().texels.as_vec3()),
         picture_size: rays.size,
         tile_origin: tile.origin,
         tile_size: tile.size,
+        part_size: tile.part_size,
         last_index: rays.last_index,
         flags: if skip { FLAG_SKIP } else { 0 },
-        step_mm: rays.step_mm,
         first_mm: rays.first_mm,
         near_mm: rays.near_mm,
         opacity_cutoff: settings.opacity_cutoff,
         depth_scale: depth.scale as f32,
         depth_bias: depth.bias as f32,
-        slack: (block_diagonal_mm(rays) / rays.step_mm_exact) as f32,
+        slack_mm: block_diagonal_mm(mesh_level) as f32,
         iso: classified.iso_stored,
         lut_lo,
         lut_scale,
-        lut_last: (classified.lut.entries().len() - 1) as f32,
+        lut_last: (table.entries().len() - 1) as f32,
         value_scale: volume.value_scale(),
         value_floor,
-        group_stride,
-        pad1: 0.0,
-        pad2: 0.0,
+        empty_below: classified.unseen[0],
+        empty_above: classified.unseen[1],
+        used_levels: rays.used_levels as u32,
+        all_levels: rays.levels.len() as u32,
+        sample_limit: params.sample_limit,
+        dispatch: params.dispatch,
+        finest_lod: u32::from(rays.levels[0].lod.0),
+        stamps_at: places.stamps,
+        bits_at: places.bits,
+        groups_at: places.groups,
+        levels,
+    }
+}
+
+fn level_uniforms(
+    number: usize,
+    level: &LevelFrame,
+    mode: Mode,
+    volume: &Residency,
+) -> LevelUniforms {
+    // A segment that ends at a switch is sampled at both ends by the finer level; only surfaces are found by segment.
+    let last = match mode {
+        Mode::Iso => level.end as i32,
+        Mode::Dvr | Mode::Mip => level.end as i32 - 1,
+    };
+    LevelUniforms {
+        level_dir: level.level_dir.map(padded),
+        level_origin: level.level_origin.map(padded),
+        box_min: padded(level.box_min),
+        box_max: padded(level.box_max),
+        normal_from_gradient: level
+            .normal_from_gradient
+            .to_cols_array_2d()
+            .map(|c| padded(Vec3::from_array(c))),
+        anchor: level.anchor.extend(0).to_array(),
+        bricks: volume
+            .level_bricks(level.lod)
+            .extend(volume.first_brick(level.lod))
+            .to_array(),
+        indirection_origin: volume.indirection_origin(level.lod).extend(0).to_array(),
+        begin: level.begin as i32,
+        last,
+        lut_offset: (number * LUT_ENTRIES) as u32,
+        step_mm: level.step_mm,
     }
 }
 
@@ -205,8 +248,8 @@ fn padded(v: Vec3) -> [f32; 4] {
 }
 
 /// The longest diagonal of a 4³ block, mm.
-pub(super) fn block_diagonal_mm(rays: &RayFrame) -> f64 {
-    let m = rays.world_from_level.matrix3 * f64::from(BLOCK_EDGE);
+fn block_diagonal_mm(level: &LevelFrame) -> f64 {
+    let m = level.world_from_level.matrix3 * f64::from(BLOCK_EDGE);
     [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)]
         .into_iter()
         .map(|(a, b)| (m.x_axis + m.y_axis * a + m.z_axis * b).length())
@@ -232,7 +275,7 @@ impl DepthRange {
             Projection::Orthographic => {
                 let far = rays.first_mm_exact
                     + f64::from(rays.last_index + 1) * rays.step_mm_exact
-                    + block_diagonal_mm(rays);
+                    + block_diagonal_mm(rays.coarsest_used());
                 Self {
                     scale: far - near,
                     bias: far,
@@ -242,10 +285,11 @@ impl DepthRange {
     }
 }
 
-/// Clip space (cropped to the tile and its margin) from a level-voxel offset from the anchor.
+/// Clip space (cropped to the tile and its margin) from an offset from the anchor in voxels of the mesh's level.
 fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
-    let anchor = rays.anchor.as_dvec3();
-    let world_from_offset = rays.world_from_level * DAffine3::from_translation(anchor);
+    let level = rays.coarsest_used();
+    let anchor = level.anchor.as_dvec3();
+    let world_from_offset = level.world_from_level * DAffine3::from_translation(anchor);
     let view_from_offset = DMat4::from(rays.world_from_view.inverse() * world_from_offset);
     let [half_width, half_height] = rays.half_extent;
     // View space looks along −z.
@@ -273,23 +317,4 @@ fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
         0.0,
     )) * DMat4::from_scale(DVec3::new(width / w, height / h, 1.0));
     crop * clip_from_view * view_from_offset
-}
-
-#[cfg(test)]
-mod tests {
-    use super::spreading_stride;
-
-    #[test]
-    fn every_group_is_met_once() {
-        for count in [1, 2, 3, 7, 8, 64, 1000, 4096, 128 * 96, 1 << 14] {
-            let stride = spreading_stride(count);
-            let met: std::collections::BTreeSet<u32> =
-                (0..count).map(|w| w * stride % count).collect();
-            assert_eq!(
-                met.len() as u32,
-                count,
-                "{count} groups with stride {stride}"
-            );
-        }
-    }
 }

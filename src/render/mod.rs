@@ -5,11 +5,13 @@
 //! `pager`: what must be equal to the bit is switched by uniforms in one pipeline.
 
 pub mod bindings;
+mod feedback;
 mod frame;
-mod offscreen;
 mod passes;
+mod renderer;
 mod residency;
 
-pub use frame::FrameInputs;
-pub use offscreen::{OffscreenPicture, Renderer, TILE_EDGE};
-pub use residency::{LevelState, Residency, SampleFilter};
+pub use feedback::{Feedback, MissedBrick, PendingFeedback};
+pub use frame::{FrameInputs, Tile};
+pub use renderer::{Cast, Renderer, TILE_EDGE};
+pub use residency::{Activity, AtlasPlan, Residency, SampleFilter};

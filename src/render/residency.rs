@@ -1,16 +1,20 @@
-//! Bind group 1: what of the volume is on the GPU. Applies the pager's plans to atlas and page table.
+//! Bind group 1: what of the volume is on the GPU. Applies the pager's plans to atlas, page table and activity.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use glam::UVec3;
 
+use crate::classify::Occupancy;
 use crate::geom::{BrickGrid, BrickId, Lod, STORED_EDGE};
-use crate::gpu::layout::{BRICK_EMPTY, BRICK_FULL, BRICK_MIXED, TAG_CONSTANT, TAG_SHIFT, TAG_SLOT};
+use crate::gpu::layout::{
+    BRICK_EMPTY, BRICK_EMPTY_ABOVE, BRICK_FULL, BRICK_MIXED, TAG_CONSTANT, TAG_SHIFT, TAG_SLOT,
+};
 use crate::gpu::{Caps, GpuContext, GpuError, Staging};
-use crate::pager::{ActiveBricks, AtlasShape, LevelScan, PageTablePatch, SlotId, Upload};
+use crate::pager::{AtlasShape, PageTablePatch, SlotId, Upload};
 use crate::volume::StoredType;
 
 use super::bindings;
+use super::feedback::FeedbackPlaces;
 
 /// How values between voxels are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,33 +70,78 @@ impl AtlasFormat {
     }
 }
 
-/// The words of the page table that the level in use needs.
-#[derive(Clone, Copy, Debug)]
-pub struct LevelState<'a> {
-    /// The level drawn.
-    pub lod: Lod,
-    /// Its constant bricks.
-    pub scan: &'a LevelScan,
-    /// What of it is active.
-    pub active: &'a ActiveBricks,
+/// What can be seen of a brick, under the classification in use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Activity {
+    /// Nothing. `above`: all of it lies above the iso-value.
+    Empty {
+        /// On which side of the iso-value it lies.
+        above: bool,
+    },
+    /// Some of it, nobody knows which: every block counts as active.
+    Unknown,
+    /// The blocks of this occupancy.
+    Blocks(Occupancy),
 }
 
-/// Atlas, page table, occupancy.
+impl Activity {
+    /// The two bits of the shader's table.
+    fn bits(self) -> u32 {
+        match self {
+            Self::Empty { above: false } => BRICK_EMPTY,
+            Self::Empty { above: true } => BRICK_EMPTY_ABOVE,
+            Self::Unknown => BRICK_FULL,
+            Self::Blocks(occupancy) if occupancy.count() >= FULL_ENOUGH => BRICK_FULL,
+            Self::Blocks(_) => BRICK_MIXED,
+        }
+    }
+}
+
+/// What a residency is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct AtlasPlan {
+    /// Edges of each texture.
+    pub shape: AtlasShape,
+    /// Textures, 1 to [`Residency::MAX_TEXTURES`].
+    pub textures: u32,
+}
+
+impl AtlasPlan {
+    /// Slots of all textures.
+    pub fn slot_count(&self) -> u64 {
+        self.shape.slot_count() * u64::from(self.textures)
+    }
+
+    /// Bytes of all textures.
+    pub fn bytes(&self, voxel_bytes: u64) -> u64 {
+        self.shape.bytes(voxel_bytes) * u64::from(self.textures)
+    }
+}
+
+/// Atlas, page table, activity, occupancy, and the buffer in which rays report.
 #[derive(Debug)]
 pub struct Residency {
-    shape: AtlasShape,
+    plan: AtlasPlan,
     format: AtlasFormat,
     voxel_bytes: u32,
     grids: Vec<BrickGrid>,
-    lod: Lod,
-    atlas: wgpu::Texture,
+    /// The number of each level's first brick.
+    first_bricks: Vec<u32>,
+    atlases: Vec<wgpu::Texture>,
     indirection: wgpu::Texture,
-    indirection_size: UVec3,
-    /// The host's copy of the indirection texture.
-    words: Vec<u32>,
+    indirection_bytes: u64,
+    constant_values: Vec<f32>,
+    constant_places: HashMap<u32, u32>,
     constants: wgpu::Buffer,
     activity: wgpu::Buffer,
+    /// The host's copy of `activity`, and which of its words changed.
+    activity_words: Vec<u32>,
+    activity_changed: Changed,
     occupancy: wgpu::Buffer,
+    pub(super) feedback: wgpu::Buffer,
+    places: FeedbackPlaces,
+    dispatches: u32,
+    sampler: wgpu::Sampler,
     pub(super) layout: wgpu::BindGroupLayout,
     pub(super) group: wgpu::BindGroup,
 }
@@ -108,26 +157,52 @@ fn indirection_size(grids: &[BrickGrid]) -> UVec3 {
     })
 }
 
+fn brick_count(grids: &[BrickGrid]) -> u64 {
+    grids.iter().map(BrickGrid::len).sum()
+}
+
 impl Residency {
+    /// Most textures of an atlas: their bindings are fixed (design.md §5).
+    pub const MAX_TEXTURES: u32 = 4;
+
+    /// Most bricks of a volume, all levels together: tables are flat (design.md §5).
+    pub const MAX_BRICKS: u64 = 100_000_000;
+
+    /// Most slots along an axis of a texture: places are packed in nine bits.
+    pub const MAX_AXIS_SLOTS: u32 = 511;
+
+    /// Values of constant bricks that a residency begins with room for.
+    const CONSTANTS: usize = 1 << 12;
+
     /// Bytes on the GPU beside the atlas, for stores of these levels and an atlas of `slots` slots.
     pub fn table_bytes(grids: &[BrickGrid], slots: u64) -> u64 {
         let s = indirection_size(grids);
-        let bricks = grids.iter().map(BrickGrid::len).max().unwrap_or(0);
-        u64::from(s.x) * u64::from(s.y) * u64::from(s.z) * 4 + bricks / 4 + bricks * 4 + slots * 64
+        let bricks = brick_count(grids);
+        let places = FeedbackPlaces::new(
+            u32::try_from(slots).unwrap_or(u32::MAX / 2),
+            u32::try_from(bricks).unwrap_or(u32::MAX / 2),
+        );
+        u64::from(s.x) * u64::from(s.y) * u64::from(s.z) * 4
+            + bricks.div_ceil(16) * 4
+            + Self::CONSTANTS as u64 * 4
+            + slots * 64
+            + places.bytes()
+            + places.report_bytes()
     }
 
-    /// An empty atlas of `shape` for voxels of `stored` type.
+    /// An empty atlas for voxels of `stored` type. All bricks are absent and of unknown activity.
     ///
     /// # Errors
-    /// The device has not the memory, or the page table is larger than its textures can be.
+    /// The device has not the memory, or the volume has more bricks than tables or textures can hold.
     pub fn new(
         gpu: &GpuContext,
         stored: StoredType,
         filter: SampleFilter,
-        shape: AtlasShape,
+        plan: AtlasPlan,
         grids: Vec<BrickGrid>,
     ) -> Result<Self, GpuError> {
         let size = indirection_size(&grids);
+        let bricks = brick_count(&grids);
         let max_edge = gpu.caps.limits.max_texture_dimension_3d;
         if size.max_element() > max_edge {
             return Err(GpuError::TooSmall {
@@ -138,7 +213,25 @@ impl Residency {
                 remedy: "render with --device cpu".into(),
             });
         }
+        if bricks > Self::MAX_BRICKS {
+            return Err(GpuError::TooSmall {
+                what: format!("a volume of {bricks} bricks"),
+                needed: bricks,
+                limit: Self::MAX_BRICKS,
+                limited_by: "the number of bricks that flat tables are meant for".into(),
+                remedy: "render with --device cpu".into(),
+            });
+        }
         let format = AtlasFormat::new(stored, filter, &gpu.caps);
+        let places = FeedbackPlaces::new(plan.slot_count() as u32, bricks as u32);
+        let first_bricks = grids
+            .iter()
+            .scan(0, |next, g| {
+                let first = *next;
+                *next += g.len() as u32;
+                Some(first)
+            })
+            .collect();
         gpu.checked("allocating the atlas", || {
             let device = &gpu.device;
             let texture = |label, size: UVec3, format| {
@@ -157,20 +250,36 @@ impl Residency {
                     view_formats: &[],
                 })
             };
-            let atlas = texture("residency.atlas", shape.texels, format.format);
-            let indirection = texture("residency.indirection", size, wgpu::TextureFormat::R32Uint);
-            let buffer = |label, bytes: u64| {
-                device.create_buffer(&wgpu::BufferDescriptor {
-                    label: Some(label),
-                    size: bytes.next_multiple_of(4).max(16),
-                    usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
-                    mapped_at_creation: false,
+            let atlases: Vec<wgpu::Texture> = (0..Self::MAX_TEXTURES)
+                .map(|i| {
+                    let texels = if i < plan.textures {
+                        plan.shape.texels
+                    } else {
+                        UVec3::ONE
+                    };
+                    texture("residency.atlas", texels, format.format)
                 })
-            };
-            let bricks = grids.iter().map(BrickGrid::len).max().unwrap_or(0);
-            let constants = buffer("residency.constants", bricks * 4);
-            let activity = buffer("residency.activity", bricks.div_ceil(16) * 4);
-            let occupancy = buffer("residency.occupancy", shape.slot_count() * 64);
+                .collect();
+            let indirection = texture("residency.indirection", size, wgpu::TextureFormat::R32Uint);
+            let activity_words = vec![0xaaaa_aaaa; bricks.div_ceil(16) as usize];
+            const {
+                assert!(BRICK_FULL == 2, "every pair of bits of 0xaaaaaaaa");
+            }
+            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+            let constants = buffer(gpu, "residency.constants", Self::CONSTANTS as u64 * 4, usage);
+            let activity = buffer(
+                gpu,
+                "residency.activity",
+                activity_words.len() as u64 * 4,
+                usage,
+            );
+            let occupancy = buffer(gpu, "residency.occupancy", plan.slot_count() * 64, usage);
+            let feedback = buffer(
+                gpu,
+                "residency.feedback",
+                places.bytes(),
+                usage | wgpu::BufferUsages::COPY_SRC,
+            );
             let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
                 label: Some("residency.layout"),
                 entries: match format.kind {
@@ -185,77 +294,76 @@ impl Residency {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             });
-            let views = [&atlas, &indirection]
-                .map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
-            let mut entries = vec![
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: wgpu::BindingResource::TextureView(&views[0]),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 2,
-                    resource: wgpu::BindingResource::TextureView(&views[1]),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 3,
-                    resource: constants.as_entire_binding(),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 4,
-                    resource: activity.as_entire_binding(),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 5,
-                    resource: occupancy.as_entire_binding(),
-                },
-            ];
-            if format.kind == AtlasKind::Filtered {
-                entries.push(wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: wgpu::BindingResource::Sampler(&sampler),
-                });
-            }
-            let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("residency.group"),
-                layout: &layout,
-                entries: &entries,
-            });
+            let tables = [&constants, &activity, &occupancy];
+            let group = bind(
+                gpu,
+                &layout,
+                format.kind,
+                &atlases,
+                &sampler,
+                &indirection,
+                tables,
+            );
             Ok(Self {
-                shape,
+                plan,
                 format,
                 voxel_bytes: stored.size() as u32,
-                words: vec![0; size.element_product() as usize],
+                first_bricks,
                 grids,
-                lod: Lod(0),
-                atlas,
+                atlases,
                 indirection,
-                indirection_size: size,
+                indirection_bytes: u64::from(size.x) * u64::from(size.y) * u64::from(size.z) * 4,
+                constant_values: Vec::new(),
+                constant_places: HashMap::new(),
                 constants,
                 activity,
+                activity_words,
+                activity_changed: Changed::All,
                 occupancy,
+                feedback,
+                places,
+                dispatches: 0,
+                sampler,
                 layout,
                 group,
             })
         })
     }
 
-    /// The atlas' shape.
-    pub fn shape(&self) -> AtlasShape {
-        self.shape
+    /// What the atlas consists of.
+    pub fn plan(&self) -> AtlasPlan {
+        self.plan
     }
 
-    /// Bytes of the atlas texture.
+    /// Bytes of the atlas textures.
     pub fn atlas_bytes(&self) -> u64 {
-        self.shape.bytes(u64::from(self.voxel_bytes))
+        self.plan.bytes(u64::from(self.voxel_bytes))
     }
 
-    /// Bytes of atlas, page table and occupancy.
+    /// Bytes of atlas, tables, feedback and its read-back.
     pub fn gpu_bytes(&self) -> u64 {
         self.atlas_bytes()
-            + self.words.len() as u64 * 4
+            + self.indirection_bytes
             + self.constants.size()
             + self.activity.size()
             + self.occupancy.size()
+            + self.feedback.size()
+            + self.places.report_bytes()
+    }
+
+    /// The brick of that number (see [`super::MissedBrick`]).
+    pub fn brick(&self, number: u32) -> BrickId {
+        let level = self.first_bricks.partition_point(|&first| first <= number) - 1;
+        let index = u64::from(number - self.first_bricks[level]);
+        BrickId::new(Lod(level as u8), self.grids[level].xyz(index))
+    }
+
+    pub(super) fn shape(&self) -> AtlasShape {
+        self.plan.shape
+    }
+
+    pub(super) fn has_many_atlases(&self) -> bool {
+        self.plan.textures > 1
     }
 
     pub(super) fn kind(&self) -> AtlasKind {
@@ -266,43 +374,46 @@ impl Residency {
         self.format.value_scale
     }
 
-    pub(super) fn level_bricks(&self) -> UVec3 {
-        self.grids[usize::from(self.lod.0)].bricks
+    pub(super) fn level_bricks(&self, lod: Lod) -> UVec3 {
+        self.grids[usize::from(lod.0)].bricks
     }
 
-    pub(super) fn indirection_origin(&self) -> UVec3 {
-        self.origin_of(self.lod)
+    pub(super) fn first_brick(&self, lod: Lod) -> u32 {
+        self.first_bricks[usize::from(lod.0)]
     }
 
-    fn origin_of(&self, lod: Lod) -> UVec3 {
-        UVec3::new(
-            self.grids[..usize::from(lod.0)]
-                .iter()
-                .map(|g| g.bricks.x)
-                .sum(),
-            0,
-            0,
-        )
+    pub(super) fn feedback_places(&self) -> FeedbackPlaces {
+        self.places
     }
 
-    fn word_mut(&mut self, brick: BrickId) -> &mut u32 {
-        let at = self.origin_of(brick.lod) + brick.xyz;
-        let size = self.indirection_size;
-        &mut self.words[((at.z * size.y + at.y) * size.x + at.x) as usize]
+    /// The number of the next dispatch, from 1.
+    pub(super) fn next_dispatch(&mut self) -> u32 {
+        self.dispatches += 1;
+        self.dispatches
+    }
+
+    pub(super) fn indirection_origin(&self, lod: Lod) -> UVec3 {
+        let x = self.grids[..usize::from(lod.0)]
+            .iter()
+            .map(|g| g.bricks.x)
+            .sum();
+        UVec3::new(x, 0, 0)
+    }
+
+    /// Texture and place of a slot there.
+    fn slot_place(&self, slot: SlotId) -> (u32, UVec3) {
+        let per_texture = self.plan.shape.slot_count() as u32;
+        let place = self
+            .plan
+            .shape
+            .slot_place(SlotId(slot.0 % per_texture));
+        (slot.0 / per_texture, place)
     }
 
     /// The packed place of a slot, as `shaders/lib/brick.wgsl` unpacks it.
     fn slot_word(&self, slot: SlotId) -> u32 {
-        let place = self.shape.slot_place(slot);
-        TAG_SLOT << TAG_SHIFT | place.z << 20 | place.y << 10 | place.x
-    }
-
-    /// Changes the host's copy of the page table; [`Self::write_tables`] sends it.
-    pub fn apply_patches(&mut self, patches: &[PageTablePatch]) {
-        for patch in patches {
-            let word = patch.slot.map_or(0, |slot| self.slot_word(slot));
-            *self.word_mut(patch.brick) = word;
-        }
+        let (texture, place) = self.slot_place(slot);
+        TAG_SLOT << TAG_SHIFT | texture << 27 | place.z << 18 | place.y << 9 | place.x
     }
 
     /// Copies decoded bricks into their slots, side by side in rows of 256 bytes: 7 (u8), 3 (u16) or 1 (f32) to a row
@@ -333,7 +444,8 @@ impl Residency {
             total += staged.len() as u64;
             staging.stage(gpu, &staged, |encoder, buffer, offset| {
                 for (i, (upload, _)) in group.iter().enumerate() {
-                    let at = self.shape.slot_place(upload.slot) * STORED_EDGE;
+                    let (texture, place) = self.slot_place(upload.slot);
+                    let at = place * STORED_EDGE;
                     encoder.copy_buffer_to_texture(
                         wgpu::TexelCopyBufferInfo {
                             buffer,
@@ -343,16 +455,7 @@ impl Residency {
                                 rows_per_image: Some(STORED_EDGE),
                             },
                         },
-                        wgpu::TexelCopyTextureInfo {
-                            texture: &self.atlas,
-                            mip_level: 0,
-                            origin: wgpu::Origin3d {
-                                x: at.x,
-                                y: at.y,
-                                z: at.z,
-                            },
-                            aspect: wgpu::TextureAspect::All,
-                        },
+                        texel_place(&self.atlases[texture as usize], at),
                         wgpu::Extent3d {
                             width: STORED_EDGE,
                             height: STORED_EDGE,
@@ -370,87 +473,278 @@ impl Residency {
         ROW_PITCH as u64 * (STORED_EDGE * STORED_EDGE) as u64
     }
 
-    /// Makes `level` the one that is drawn: constant bricks, activity, occupancy; sends the page table.
+    /// Changes the page table: a few texels per brick that came or went.
     ///
     /// # Errors
     /// The device is lost.
-    pub fn write_tables(
+    pub fn apply_patches(
         &mut self,
         gpu: &GpuContext,
         staging: &mut Staging,
-        level: &LevelState<'_>,
-        slot_of: impl Fn(BrickId) -> Option<SlotId>,
+        patches: &[PageTablePatch],
     ) -> Result<(), GpuError> {
-        self.lod = level.lod;
-        let grid = self.grids[usize::from(level.lod.0)];
-
-        let mut values: Vec<f32> = Vec::new();
-        let mut place_of: HashMap<u32, u32> = HashMap::new();
-        for (&index, &(value, _)) in &level.scan.constant {
-            let place = *place_of.entry(value.to_bits()).or_insert_with(|| {
-                values.push(value);
-                values.len() as u32 - 1
-            });
-            *self.word_mut(BrickId::new(level.lod, grid.xyz(index))) =
-                TAG_CONSTANT << TAG_SHIFT | place;
+        // A brick that went and came again within one step is written once: copies to one texel have no order here.
+        let words: HashMap<BrickId, u32> = patches
+            .iter()
+            .map(|p| (p.brick, p.slot.map_or(0, |slot| self.slot_word(slot))))
+            .collect();
+        let mut words: Vec<(BrickId, u32)> = words.into_iter().collect();
+        words.sort_unstable_by_key(|(brick, _)| *brick);
+        for (brick, word) in words {
+            let at = self.indirection_origin(brick.lod) + brick.xyz;
+            self.write_words(gpu, staging, at, &[word])?;
         }
-        gpu.queue
-            .write_buffer(&self.constants, 0, bytemuck::cast_slice(&values));
+        Ok(())
+    }
 
-        let mut activity = vec![0_u32; grid.len().div_ceil(16) as usize];
-        let mut set =
-            |index: u64, state: u32| activity[(index / 16) as usize] |= state << (index % 16 * 2);
-        const { assert!(BRICK_EMPTY == 0, "what is not set is empty") };
-        let mut occupancy = vec![0_u32; self.shape.slot_count() as usize * 16];
-        for &index in &level.active.constant {
-            set(index, BRICK_FULL);
+    /// Enters the constant bricks of a level, by linear index, none of which may have a slot yet; values are stored ones.
+    ///
+    /// # Errors
+    /// The device is lost or has not the memory.
+    pub fn set_constants(
+        &mut self,
+        gpu: &GpuContext,
+        staging: &mut Staging,
+        lod: Lod,
+        constants: impl Iterator<Item = (u64, f32)>,
+    ) -> Result<(), GpuError> {
+        let grid = self.grids[usize::from(lod.0)];
+        let before = self.constant_values.len();
+        let mut words = vec![0; grid.len() as usize];
+        for (index, value) in constants {
+            let values = &mut self.constant_values;
+            let place = *self
+                .constant_places
+                .entry(value.to_bits())
+                .or_insert_with(|| {
+                    values.push(value);
+                    values.len() as u32 - 1
+                });
+            words[index as usize] = TAG_CONSTANT << TAG_SHIFT | place;
         }
-        for (&index, bits) in &level.active.mixed {
-            if bits.count() >= FULL_ENOUGH {
-                set(index, BRICK_FULL);
-            } else if let Some(slot) = slot_of(BrickId::new(level.lod, grid.xyz(index))) {
-                set(index, BRICK_MIXED);
-                occupancy[slot.0 as usize * 16..][..16].copy_from_slice(bits.words());
+        let origin = self.indirection_origin(lod);
+        for (row, words) in (0..).zip(words.chunks_exact(grid.bricks.x as usize)) {
+            if words.iter().any(|&w| w != 0) {
+                let at = origin + UVec3::new(0, row % grid.bricks.y, row / grid.bricks.y);
+                self.write_words(gpu, staging, at, words)?;
             }
         }
-        gpu.queue
-            .write_buffer(&self.activity, 0, bytemuck::cast_slice(&activity));
-        gpu.queue
-            .write_buffer(&self.occupancy, 0, bytemuck::cast_slice(&occupancy));
-
-        let size = self.indirection_size;
-        for (row, words) in self.words.chunks_exact(size.x as usize).enumerate() {
-            let (y, z) = (row as u32 % size.y, row as u32 / size.y);
-            staging.stage(
-                gpu,
-                bytemuck::cast_slice(words),
-                |encoder, buffer, offset| {
-                    encoder.copy_buffer_to_texture(
-                        wgpu::TexelCopyBufferInfo {
-                            buffer,
-                            layout: wgpu::TexelCopyBufferLayout {
-                                offset,
-                                bytes_per_row: None,
-                                rows_per_image: None,
-                            },
-                        },
-                        wgpu::TexelCopyTextureInfo {
-                            texture: &self.indirection,
-                            mip_level: 0,
-                            origin: wgpu::Origin3d { x: 0, y, z },
-                            aspect: wgpu::TextureAspect::All,
-                        },
-                        wgpu::Extent3d {
-                            width: size.x,
-                            height: 1,
-                            depth_or_array_layers: 1,
-                        },
-                    );
-                },
-            )?;
+        if self.constant_values.len() > before {
+            self.write_constants(gpu)?;
         }
-        staging.flush(gpu)
+        Ok(())
     }
+
+    /// Sends the values of constant bricks, into a larger buffer when they no longer fit.
+    fn write_constants(&mut self, gpu: &GpuContext) -> Result<(), GpuError> {
+        let bytes = self.constant_values.len() as u64 * 4;
+        if bytes > self.constants.size() {
+            self.constants = gpu.checked("enlarging a table", || {
+                let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+                Ok(buffer(
+                    gpu,
+                    "residency.constants",
+                    bytes.next_power_of_two(),
+                    usage,
+                ))
+            })?;
+            self.group = bind(
+                gpu,
+                &self.layout,
+                self.format.kind,
+                &self.atlases,
+                &self.sampler,
+                &self.indirection,
+                [&self.constants, &self.activity, &self.occupancy],
+            );
+        }
+        let values = bytemuck::cast_slice(&self.constant_values);
+        gpu.queue.write_buffer(&self.constants, 0, values);
+        Ok(())
+    }
+
+    /// Writes a row of page-table words.
+    fn write_words(
+        &self,
+        gpu: &GpuContext,
+        staging: &mut Staging,
+        at: UVec3,
+        words: &[u32],
+    ) -> Result<(), GpuError> {
+        staging.stage(
+            gpu,
+            bytemuck::cast_slice(words),
+            |encoder, buffer, offset| {
+                encoder.copy_buffer_to_texture(
+                    wgpu::TexelCopyBufferInfo {
+                        buffer,
+                        layout: wgpu::TexelCopyBufferLayout {
+                            offset,
+                            bytes_per_row: None,
+                            rows_per_image: None,
+                        },
+                    },
+                    texel_place(&self.indirection, at),
+                    wgpu::Extent3d {
+                        width: words.len() as u32,
+                        height: 1,
+                        depth_or_array_layers: 1,
+                    },
+                );
+            },
+        )
+    }
+
+    /// What can be seen of a brick; `slot` is where it lies, if it does. [`Self::write_activity`] sends it.
+    pub fn set_activity(
+        &mut self,
+        gpu: &GpuContext,
+        brick: BrickId,
+        activity: Activity,
+        slot: Option<SlotId>,
+    ) {
+        let level = usize::from(brick.lod.0);
+        let number = self.first_bricks[level] + self.grids[level].index(brick.xyz) as u32;
+        let bits = activity.bits();
+        debug_assert!(
+            bits != BRICK_MIXED || slot.is_some(),
+            "occupancies lie by slot"
+        );
+        let (word, shift) = (number / 16, number % 16 * 2);
+        let old = self.activity_words[word as usize];
+        let new = old & !(3 << shift) | bits << shift;
+        if new != old {
+            self.activity_words[word as usize] = new;
+            self.activity_changed.insert(word);
+        }
+        if let (BRICK_MIXED, Activity::Blocks(occupancy), Some(slot)) = (bits, activity, slot) {
+            gpu.queue.write_buffer(
+                &self.occupancy,
+                u64::from(slot.0) * 64,
+                bytemuck::cast_slice(occupancy.words()),
+            );
+        }
+    }
+
+    /// Sends the changed part of the activity.
+    pub fn write_activity(&mut self, gpu: &GpuContext) {
+        let changed = std::mem::take(&mut self.activity_changed);
+        for (first, last) in changed.ranges(self.activity_words.len() as u32) {
+            let words = &self.activity_words[first as usize..=last as usize];
+            gpu.queue.write_buffer(
+                &self.activity,
+                u64::from(first) * 4,
+                bytemuck::cast_slice(words),
+            );
+        }
+    }
+}
+
+/// Which words of a table must be sent.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Changed {
+    All,
+    Some(BTreeSet<u32>),
+}
+
+impl Default for Changed {
+    fn default() -> Self {
+        Self::Some(BTreeSet::new())
+    }
+}
+
+impl Changed {
+    /// From here on all of them are sent.
+    const MOST: usize = 4096;
+
+    fn insert(&mut self, word: u32) {
+        if let Self::Some(words) = self {
+            words.insert(word);
+            if words.len() > Self::MOST {
+                *self = Self::All;
+            }
+        }
+    }
+
+    /// The words as (first, last) of a table of `len`, those that lie close together as one.
+    fn ranges(self, len: u32) -> Vec<(u32, u32)> {
+        let words = match self {
+            Self::All => return vec![(0, len - 1)],
+            Self::Some(words) => words,
+        };
+        let mut ranges: Vec<(u32, u32)> = Vec::new();
+        for word in words {
+            match ranges.last_mut() {
+                Some((_, last)) if word - *last <= 64 => *last = word,
+                _ => ranges.push((word, word)),
+            }
+        }
+        ranges
+    }
+}
+
+fn buffer(gpu: &GpuContext, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size: bytes.next_multiple_of(4).max(16),
+        usage,
+        mapped_at_creation: false,
+    })
+}
+
+fn texel_place(texture: &wgpu::Texture, at: UVec3) -> wgpu::TexelCopyTextureInfo<'_> {
+    wgpu::TexelCopyTextureInfo {
+        texture,
+        mip_level: 0,
+        origin: wgpu::Origin3d {
+            x: at.x,
+            y: at.y,
+            z: at.z,
+        },
+        aspect: wgpu::TextureAspect::All,
+    }
+}
+
+/// The bind group; `tables` are constants, activity, occupancy.
+fn bind(
+    gpu: &GpuContext,
+    layout: &wgpu::BindGroupLayout,
+    kind: AtlasKind,
+    atlases: &[wgpu::Texture],
+    sampler: &wgpu::Sampler,
+    indirection: &wgpu::Texture,
+    tables: [&wgpu::Buffer; 3],
+) -> wgpu::BindGroup {
+    let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
+    let views: Vec<wgpu::TextureView> = atlases.iter().map(view).collect();
+    let indirection = view(indirection);
+    let mut entries = vec![wgpu::BindGroupEntry {
+        binding: 2,
+        resource: wgpu::BindingResource::TextureView(&indirection),
+    }];
+    for (view, binding) in views.iter().zip([0, 6, 7, 8]) {
+        entries.push(wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        });
+    }
+    for (table, binding) in tables.iter().zip(3..) {
+        entries.push(wgpu::BindGroupEntry {
+            binding,
+            resource: table.as_entire_binding(),
+        });
+    }
+    if kind == AtlasKind::Filtered {
+        entries.push(wgpu::BindGroupEntry {
+            binding: 1,
+            resource: wgpu::BindingResource::Sampler(sampler),
+        });
+    }
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("residency.group"),
+        layout,
+        entries: &entries,
+    })
 }
 
 /// Active blocks (of 512) from which a brick is walked as if all were: finding the few gaps costs more than the samples in

@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DVec3, IVec3, Mat3, U64Vec3, Vec3};
 
 use super::SceneError;
 use crate::camera::{BoundingSphere, Camera, Projection};
-use crate::geom::Aabb;
+use crate::geom::{Aabb, Lod};
 
 /// The rendered box in continuous level-0 voxel coordinates: from the first to the last voxel centre on each axis; a
 /// one-voxel axis is one voxel thick (design.md §3).
@@ -39,15 +39,27 @@ pub fn volume_bounds(dims: U64Vec3, world_from_index: &DAffine3) -> BoundingSphe
     )
 }
 
-/// The sample grid of one frame at one level. A pixel (px, py) has the image-plane coordinates
-/// `u = (px + ½)·2/width − 1` and `v = 1 − (py + ½)·2/height`; a quantity of its ray is `q + u·q_u + v·q_v`.
+/// Which levels a frame samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LodRule {
+    /// This one everywhere.
+    Fixed(Lod),
+    /// By distance: at sample index i, the coarsest level whose smallest spacing is at most this many times the pixel's
+    /// footprint there (`--lod-error`, pixels; design.md §3).
+    Error(f64),
+}
+
+/// One level of a frame's sample grid. Its sample j lies at `t₀ + j · 2^lod · ds`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RayFrame {
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    /// Unnormalised ray direction in world: centre, per u, per v.
-    pub world_dir: [Vec3; 3],
-    /// The same direction in level voxels: `level_from_world` · `world_dir`.
+pub struct LevelFrame {
+    /// Which.
+    pub lod: Lod,
+    /// The first of its samples, in steps of this level: where the finer level ends. 0 at the finest level in use.
+    pub begin: u32,
+    /// Where the next coarser level in use begins, in steps of this level; [`RayFrame::MAX_SAMPLES`] at the last. The
+    /// segment that ends there is still of this level (design.md §3).
+    pub end: u32,
+    /// The rays' direction in level voxels: `level_from_world` · `world_dir`.
     pub level_dir: [Vec3; 3],
     /// Ray origin in level voxels, from the anchor: centre, per u, per v.
     pub level_origin: [Vec3; 3],
@@ -57,39 +69,56 @@ pub struct RayFrame {
     pub box_min: Vec3,
     /// Its greatest corner.
     pub box_max: Vec3,
-    /// Distance of samples, mm.
-    pub step_mm: f32,
-    /// Distance of sample 0 from the eye, mm: t₀.
-    pub first_mm: f32,
-    /// Distance of the near plane from the eye along the view direction, mm.
-    pub near_mm: f32,
-    /// Index of the last sample before the bounding sphere's far end.
-    pub last_index: u32,
     /// World normal from a level-voxel gradient: the inverse transpose of the affine, columns.
     pub normal_from_gradient: Mat3,
     /// World millimetres from continuous level voxel coordinates.
     pub world_from_level: DAffine3,
+    /// Distance of this level's samples, mm: 2^lod · ds.
+    pub step_mm: f32,
+    /// The same, exact.
+    pub step_mm_exact: f64,
+}
+
+/// The sample grid of one frame. A pixel (px, py) has the image-plane coordinates
+/// `u = (px + ½)·2/width − 1` and `v = 1 − (py + ½)·2/height`; a quantity of its ray is `q + u·q_u + v·q_v`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RayFrame {
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Unnormalised ray direction in world: centre, per u, per v.
+    pub world_dir: [Vec3; 3],
+    /// From the finest level in use to the coarsest of the volume. The first [`Self::used_levels`] are sampled; the others
+    /// stand in for what is not resident.
+    pub levels: Vec<LevelFrame>,
+    /// How many of `levels` are sampled, at least 1.
+    pub used_levels: usize,
+    /// Distance of sample 0 from the eye, mm: t₀.
+    pub first_mm: f32,
+    /// Distance of the near plane from the eye along the view direction, mm.
+    pub near_mm: f32,
+    /// Index of the last sample before the bounding sphere's far end, in base steps ds.
+    pub last_index: u32,
     /// World from view (x right, y up, z towards the viewer), for the mesh raster.
     pub world_from_view: DAffine3,
     /// Half width and half height of the image plane: tangents (perspective) or mm (orthographic).
     pub half_extent: [f64; 2],
     /// Perspective or orthographic.
     pub projection: Projection,
-    /// Distance of samples, mm, exact.
+    /// Distance of base samples, mm, exact: ds.
     pub step_mm_exact: f64,
     /// Distance of sample 0, mm, exact.
     pub first_mm_exact: f64,
 }
 
 /// What a frame's grid is made of.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct GridParams {
     /// Voxels of level 0.
     pub dims: U64Vec3,
-    /// Level-0 voxels per voxel of the level drawn.
-    pub level_scale: DVec3,
-    /// Number of the level drawn: samples are 2^lod steps apart.
-    pub lod: u8,
+    /// Level-0 voxels per voxel of each level of the volume, finest first; at least one.
+    pub level_scales: Vec<DVec3>,
+    /// Which levels are sampled.
+    pub lod: LodRule,
     /// World from voxel index of level 0.
     pub world_from_index: DAffine3,
     /// Distance of samples in units of the smallest spacing of level 0.
@@ -97,22 +126,17 @@ pub struct GridParams {
 }
 
 impl RayFrame {
+    /// Most samples of a ray.
+    pub const MAX_SAMPLES: u32 = 1 << 30;
+
     /// The grid of `camera` for a picture of `size` pixels.
     ///
     /// # Errors
-    /// The camera is degenerate, or rays would have more than 2³⁰ samples.
+    /// The camera is degenerate, the level is not there, or rays would have more than 2³⁰ samples.
     pub fn new(camera: &Camera, size: [u32; 2], params: &GridParams) -> Result<Self, SceneError> {
         let view = camera.view(f64::from(size[0]) / f64::from(size[1]))?;
         let basis = view.basis;
-        let world_from_level =
-            world_from_voxel(&params.world_from_index) * DAffine3::from_scale(params.level_scale);
-        let level_from_world = world_from_level.inverse();
-        let columns = params.world_from_index.matrix3;
-        let min_spacing = [columns.x_axis, columns.y_axis, columns.z_axis]
-            .into_iter()
-            .map(DVec3::length)
-            .fold(f64::MAX, f64::min);
-        let step_mm = params.step * min_spacing * f64::from(1_u32 << params.lod.min(31));
+        let step_mm = params.step * smallest_spacing(&params.world_from_index, DVec3::ONE);
 
         let bounds = volume_bounds(params.dims, &params.world_from_index);
         let to_center = bounds.center - camera.eye;
@@ -123,12 +147,13 @@ impl RayFrame {
         let first_index = ((center_mm - bounds.radius) / step_mm).floor().max(0.0);
         let first_mm = first_index * step_mm;
         let last_index = ((center_mm + bounds.radius) / step_mm).ceil() - first_index;
-        if last_index.is_nan() || last_index.abs() >= f64::from(1_u32 << 30) {
+        if last_index.is_nan() || last_index.abs() >= f64::from(Self::MAX_SAMPLES) {
             return Err(SceneError::TooManySamples {
                 samples: last_index,
                 step_mm,
             });
         }
+        let last_index = last_index.max(0.0) as u32;
 
         let half_extent = view.half_extent;
         let (across, upward) = (basis.right * half_extent[0], basis.up * half_extent[1]);
@@ -143,29 +168,36 @@ impl RayFrame {
             ),
         };
 
-        let eye_level = level_from_world.transform_point3(camera.eye);
-        let box0 = rendered_box(params.dims);
-        let box_level = Aabb::new(box0.min / params.level_scale, box0.max / params.level_scale);
-        let anchor = eye_level.clamp(box_level.min, box_level.max).floor();
-        let linear = level_from_world.matrix3;
+        let pixel = half_extent[1] * 2.0 / f64::from(size[1]);
+        let footprint_mm = |index: u32| match camera.projection {
+            Projection::Perspective => pixel * (first_mm + f64::from(index) * step_mm),
+            Projection::Orthographic => pixel,
+        };
+        let spans = params.spans(last_index, footprint_mm)?;
+        let used_levels = spans.len();
+        let finest = usize::from(spans[0].lod.0);
+        let levels = params
+            .level_scales
+            .iter()
+            .enumerate()
+            .skip(finest)
+            .map(|(l, &scale)| {
+                let span = spans.get(l - finest).copied().unwrap_or(Span {
+                    lod: Lod(l as u8),
+                    begin: 0,
+                    end: 0,
+                });
+                params.level(span, scale, camera.eye, world_dir, world_origin)
+            })
+            .collect();
         Ok(Self {
             size,
             world_dir: world_dir.map(|d| d.as_vec3()),
-            level_dir: world_dir.map(|d| (linear * d).as_vec3()),
-            level_origin: [
-                (eye_level - anchor).as_vec3(),
-                (linear * world_origin[1]).as_vec3(),
-                (linear * world_origin[2]).as_vec3(),
-            ],
-            anchor: anchor.as_ivec3(),
-            box_min: (box_level.min - anchor).as_vec3(),
-            box_max: (box_level.max - anchor).as_vec3(),
-            step_mm: step_mm as f32,
+            levels,
+            used_levels,
             first_mm: first_mm as f32,
             near_mm: camera.near_mm as f32,
-            last_index: last_index.max(0.0) as u32,
-            normal_from_gradient: linear.transpose().as_mat3(),
-            world_from_level,
+            last_index,
             world_from_view: DAffine3::from_mat3_translation(
                 DMat3::from_cols(basis.right, basis.up, -basis.forward),
                 camera.eye,
@@ -177,10 +209,32 @@ impl RayFrame {
         })
     }
 
-    /// Pixels that a 4³ block's edge covers at most, at the point of the volume nearest to the eye (infinite when the eye
-    /// is inside or close).
+    /// The levels that are sampled, finest first.
+    pub fn used(&self) -> &[LevelFrame] {
+        &self.levels[..self.used_levels]
+    }
+
+    /// The coarsest level that is sampled.
+    pub fn coarsest_used(&self) -> &LevelFrame {
+        &self.levels[self.used_levels - 1]
+    }
+
+    /// Distances from the eye (mm along a ray; orthographic: from the eye plane) between which `level` is sampled, one
+    /// step of it added at both ends.
+    pub fn reach_mm(&self, level: &LevelFrame) -> [f64; 2] {
+        let at = |index: u32| self.first_mm_exact + f64::from(index) * level.step_mm_exact;
+        let last = self.first_mm_exact + f64::from(self.last_index) * self.step_mm_exact;
+        [
+            at(level.begin) - level.step_mm_exact,
+            at(level.end).min(last) + level.step_mm_exact,
+        ]
+    }
+
+    /// Pixels that the edge of a 4³ block of the coarsest level in use covers at most, at the point of the volume nearest
+    /// to the eye (infinite when the eye is inside or close).
     pub fn block_pixels(&self) -> f64 {
-        let m = self.world_from_level.matrix3 * f64::from(crate::geom::BLOCK_EDGE);
+        let level = self.coarsest_used();
+        let m = level.world_from_level.matrix3 * f64::from(crate::geom::BLOCK_EDGE);
         let edge_mm = [m.x_axis, m.y_axis, m.z_axis]
             .into_iter()
             .map(DVec3::length)
@@ -191,5 +245,178 @@ impl RayFrame {
                 Projection::Orthographic => 1.0,
             };
         edge_mm / pixel_mm
+    }
+}
+
+/// The samples of one level, in its own steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Span {
+    lod: Lod,
+    begin: u32,
+    end: u32,
+}
+
+/// The smallest spacing of a level whose voxels are `scale` voxels of level 0, mm.
+fn smallest_spacing(world_from_index: &DAffine3, scale: DVec3) -> f64 {
+    let m = world_from_index.matrix3;
+    [
+        m.x_axis.length() * scale.x,
+        m.y_axis.length() * scale.y,
+        m.z_axis.length() * scale.z,
+    ]
+    .into_iter()
+    .fold(f64::MAX, f64::min)
+}
+
+impl GridParams {
+    /// Which level is sampled where: consecutive levels, finest first. A switch to level l + 1 happens at a multiple of
+    /// 2^(l + 1) base steps, a function of the sample index alone (design.md §3).
+    fn spans(
+        &self,
+        last_index: u32,
+        footprint_mm: impl Fn(u32) -> f64,
+    ) -> Result<Vec<Span>, SceneError> {
+        let last = self.level_scales.len() - 1;
+        let pixels = match self.lod {
+            LodRule::Fixed(lod) if usize::from(lod.0) <= last => {
+                return Ok(vec![Span {
+                    lod,
+                    begin: 0,
+                    end: RayFrame::MAX_SAMPLES,
+                }]);
+            }
+            LodRule::Fixed(lod) => return Err(SceneError::NoSuchLevel { asked: lod.0, last }),
+            LodRule::Error(pixels) => pixels,
+        };
+        let fits = |l: usize, index: u32| {
+            let spacing = smallest_spacing(&self.world_from_index, self.level_scales[l]);
+            spacing <= footprint_mm(index) * pixels
+        };
+        let finest = (1..=last).take_while(|&l| fits(l, 0)).last().unwrap_or(0);
+        let mut spans = vec![Span {
+            lod: Lod(finest as u8),
+            begin: 0,
+            end: RayFrame::MAX_SAMPLES,
+        }];
+        let mut index = 0;
+        for l in finest + 1..=last {
+            // The footprint grows with the index: the first multiple of 2^l that fits, by bisection.
+            let (mut low, mut high) = (index >> l, (last_index >> l) + 1);
+            while low < high {
+                let middle = low + (high - low) / 2;
+                if fits(l, middle << l) {
+                    high = middle;
+                } else {
+                    low = middle + 1;
+                }
+            }
+            index = low << l;
+            if index > last_index {
+                break;
+            }
+            if let Some(finer) = spans.last_mut() {
+                finer.end = index >> finer.lod.0;
+            }
+            spans.push(Span {
+                lod: Lod(l as u8),
+                begin: low,
+                end: RayFrame::MAX_SAMPLES,
+            });
+        }
+        Ok(spans)
+    }
+
+    fn level(
+        &self,
+        span: Span,
+        scale: DVec3,
+        eye: DVec3,
+        world_dir: [DVec3; 3],
+        world_origin: [DVec3; 3],
+    ) -> LevelFrame {
+        let world_from_level =
+            world_from_voxel(&self.world_from_index) * DAffine3::from_scale(scale);
+        let level_from_world = world_from_level.inverse();
+        let eye_level = level_from_world.transform_point3(eye);
+        let box0 = rendered_box(self.dims);
+        let (box_min, box_max) = (box0.min / scale, box0.max / scale);
+        let anchor = eye_level.clamp(box_min, box_max).floor();
+        let linear = level_from_world.matrix3;
+        let step_mm = self.step
+            * smallest_spacing(&self.world_from_index, DVec3::ONE)
+            * f64::from(1_u32 << span.lod.0.min(31));
+        LevelFrame {
+            lod: span.lod,
+            begin: span.begin,
+            end: span.end,
+            level_dir: world_dir.map(|d| (linear * d).as_vec3()),
+            level_origin: [
+                (eye_level - anchor).as_vec3(),
+                (linear * world_origin[1]).as_vec3(),
+                (linear * world_origin[2]).as_vec3(),
+            ],
+            anchor: anchor.as_ivec3(),
+            box_min: (box_min - anchor).as_vec3(),
+            box_max: (box_max - anchor).as_vec3(),
+            normal_from_gradient: linear.transpose().as_mat3(),
+            world_from_level,
+            step_mm: step_mm as f32,
+            step_mm_exact: step_mm,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn params(lod: LodRule) -> GridParams {
+        GridParams {
+            dims: U64Vec3::splat(1024),
+            level_scales: (0..6).map(|l| DVec3::splat(f64::from(1 << l))).collect(),
+            lod,
+            world_from_index: DAffine3::IDENTITY,
+            step: 0.5,
+        }
+    }
+
+    #[test]
+    fn levels_switch_by_distance_at_multiples() {
+        // A pixel covers (index / 1000) mm.
+        let spans = params(LodRule::Error(1.0))
+            .spans(20_000, |i| f64::from(i) / 1000.0)
+            .unwrap();
+        let base: Vec<(u8, u32)> = spans.iter().map(|s| (s.lod.0, s.begin << s.lod.0)).collect();
+        assert_eq!(
+            base,
+            [(0, 0), (1, 2000), (2, 4000), (3, 8000), (4, 16000)],
+            "voxels of 2, 4, 8, 16 mm"
+        );
+        for pair in spans.windows(2) {
+            assert_eq!(
+                pair[0].end << pair[0].lod.0,
+                pair[1].begin << pair[1].lod.0,
+                "no gap, no overlap"
+            );
+        }
+        let odd = params(LodRule::Error(1.0))
+            .spans(20_000, |i| f64::from(i + 3) / 1000.0)
+            .unwrap();
+        assert_eq!(odd[2].begin << 2, 4000, "3997 rounded up to a multiple of 4");
+        let coarse = params(LodRule::Error(4.0))
+            .spans(20_000, |i| f64::from(i) / 1000.0)
+            .unwrap();
+        assert_eq!(coarse[1].begin << 1, 500, "four times the error: four times as near");
+    }
+
+    #[test]
+    fn far_away_the_finest_level_is_coarse() {
+        let spans = params(LodRule::Error(1.0)).spans(100, |_| 9.0).unwrap();
+        assert_eq!(spans.len(), 1, "one level");
+        assert_eq!(spans[0].lod, Lod(3), "voxels of 8 mm under pixels of 9");
+        assert!(
+            params(LodRule::Fixed(Lod(6))).spans(100, |_| 1.0).is_err(),
+            "there are levels 0 to 5"
+        );
     }
 }

@@ -11,8 +11,8 @@ mod image;
 mod settings;
 mod stats;
 
-pub use classified::{Classified, SceneError, default_window};
-pub use frame::{GridParams, RayFrame, volume_bounds};
+pub use classified::{Classified, ClassifiedLevel, SceneError, default_window};
+pub use frame::{GridParams, LevelFrame, LodRule, RayFrame, volume_bounds};
 pub use image::Image;
 pub use settings::{
     Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,

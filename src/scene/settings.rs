@@ -4,6 +4,7 @@ use glam::{DVec3, Vec3};
 
 use crate::camera::Camera;
 use crate::classify::TransferFunction;
+use super::LodRule;
 use crate::geom::Lod;
 
 /// What is computed along a ray (cli.md, "Colour").
@@ -93,7 +94,7 @@ pub enum Interpolation {
 /// Which level is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LodChoice {
-    /// The finest level whose visible bricks fit the memory given.
+    /// By distance, as [`PictureSettings::lod_error`] asks.
     Auto,
     /// This one.
     Fixed(Lod),
@@ -128,6 +129,19 @@ pub struct Classification {
     pub iso: Option<IsoSurface>,
 }
 
+impl PictureSettings {
+    /// The default of `lod_error`: no voxel that is drawn is wider than a pixel, unless level 0 has none finer.
+    pub const LOD_ERROR: f64 = 1.0;
+
+    /// Which levels are sampled.
+    pub fn lod_rule(&self) -> LodRule {
+        match self.lod {
+            LodChoice::Auto => LodRule::Error(self.lod_error),
+            LodChoice::Fixed(lod) => LodRule::Fixed(lod),
+        }
+    }
+}
+
 /// One picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureSettings {
@@ -149,6 +163,8 @@ pub struct PictureSettings {
     pub refine: bool,
     /// Which level is drawn.
     pub lod: LodChoice,
+    /// Under [`LodChoice::Auto`]: how many pixels the voxels of the level may be wide, > 0.
+    pub lod_error: f64,
     /// A ray ends when its opacity reaches this, in (0, 1].
     pub opacity_cutoff: f32,
     /// How rays are walked.

@@ -235,8 +235,22 @@ impl Store {
         Ok(())
     }
 
-    /// Tells the system that the brick's record will be read soon. Best effort: no answer, no error.
-    pub fn advise_will_need(&self, id: BrickId) {
+    /// Placeholder until the index is checked level by level.
+    ///
+    /// # Errors
+    /// None yet.
+    pub fn check_level(&self, _lod: Lod) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    /// Tells the system that the bricks' records will be read soon. Best effort: no answer, no error.
+    pub fn advise_will_need(&self, ids: &[BrickId]) {
+        for &id in ids {
+            self.advise_one(id);
+        }
+    }
+
+    fn advise_one(&self, id: BrickId) {
         #[cfg(unix)]
         if let Some(record) = self.entry(id).record {
             // A refused hint costs only time.

@@ -150,6 +150,7 @@ pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
         interpolation: Interpolation::Linear,
         refine: true,
         lod: LodChoice::Auto,
+        lod_error: PictureSettings::LOD_ERROR,
         opacity_cutoff: 0.99,
         technique: Technique::Default,
         camera: Camera::orbit(&bounds, 35.0, 20.0, 1.0, 30.0).expect("a sound camera"),

@@ -6,11 +6,12 @@ use glam::UVec2;
 
 use super::BoundsTargets;
 use crate::camera::Projection;
+use crate::gpu::layout::RayState;
 use crate::gpu::{GpuContext, GpuError, shader};
 use crate::render::bindings;
-use crate::render::frame::FrameBindings;
+use crate::render::frame::{FrameBindings, FrameInputs};
 use crate::render::residency::{AtlasKind, Residency};
-use crate::scene::{Interpolation, Mode, PictureSettings, ShadingModel};
+use crate::scene::{Interpolation, Mode, ShadingModel};
 
 /// Pixels of a work-group.
 const GROUP: [u32; 2] = [8, 8];
@@ -25,11 +26,18 @@ struct Variant {
     refined: bool,
     nearest: bool,
     orthographic: bool,
+    many_levels: bool,
+    many_atlases: bool,
+    draft: bool,
 }
 
 impl Variant {
-    fn new(settings: &PictureSettings, volume: &Residency) -> Self {
+    fn new(inputs: &FrameInputs<'_>, volume: &Residency, draft: bool) -> Self {
+        let settings = inputs.settings;
         Self {
+            many_levels: inputs.rays.used_levels > 1,
+            many_atlases: volume.has_many_atlases(),
+            draft,
             mode: settings.mode,
             atlas: volume.kind(),
             shaded: settings.shading.model == ShadingModel::Phong,
@@ -54,7 +62,27 @@ pub(in crate::render) struct RaycastTargets {
     pub(in crate::render) picture: wgpu::Buffer,
     /// Per pixel, samples taken and skipped.
     pub(in crate::render) counts: wgpu::Buffer,
+    /// Per pixel, where its ray stands.
+    rays: wgpu::Buffer,
     group: wgpu::BindGroup,
+}
+
+impl RaycastTargets {
+    /// Bytes per pixel: picture and counts with their read-back copies, and the ray's state.
+    pub(in crate::render) const BYTES_PER_PIXEL: u64 =
+        (16 + 8) * 2 + size_of::<RayState>() as u64;
+
+    /// Per pixel, where its ray stands.
+    pub(in crate::render) fn rays(&self) -> &wgpu::Buffer {
+        &self.rays
+    }
+
+    /// Every ray at its beginning.
+    pub(in crate::render) fn clear(&self, encoder: &mut wgpu::CommandEncoder) {
+        for buffer in [&self.picture, &self.counts, &self.rays] {
+            encoder.clear_buffer(buffer, 0, None);
+        }
+    }
 }
 
 impl RaycastPass {
@@ -75,18 +103,22 @@ impl RaycastPass {
         &self,
         gpu: &GpuContext,
         bounds: &BoundsTargets,
+        volume: &Residency,
         pixels: u64,
     ) -> RaycastTargets {
         let buffer = |label, size| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
                 size,
-                usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+                usage: wgpu::BufferUsages::STORAGE
+                    | wgpu::BufferUsages::COPY_SRC
+                    | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             })
         };
         let picture = buffer("raycast.picture", pixels * 16);
         let counts = buffer("raycast.counts", pixels * 8);
+        let rays = buffer("raycast.rays", pixels * size_of::<RayState>() as u64);
         let view = |i: usize| wgpu::BindGroupEntry {
             binding: i as u32,
             resource: wgpu::BindingResource::TextureView(&bounds.views[i]),
@@ -106,11 +138,20 @@ impl RaycastPass {
                     binding: 4,
                     resource: counts.as_entire_binding(),
                 },
+                wgpu::BindGroupEntry {
+                    binding: 5,
+                    resource: rays.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 6,
+                    resource: volume.feedback.as_entire_binding(),
+                },
             ],
         });
         RaycastTargets {
             picture,
             counts,
+            rays,
             group,
         }
     }
@@ -119,11 +160,12 @@ impl RaycastPass {
     pub(in crate::render) fn prepare(
         &mut self,
         gpu: &GpuContext,
-        settings: &PictureSettings,
+        inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
         volume: &Residency,
+        draft: bool,
     ) -> Result<(), GpuError> {
-        let variant = Variant::new(settings, volume);
+        let variant = Variant::new(inputs, volume, draft);
         if self.pipelines.contains_key(&variant) {
             return Ok(());
         }
@@ -165,6 +207,9 @@ impl RaycastPass {
                             ("REFINED", f64::from(u8::from(variant.refined))),
                             ("NEAREST", f64::from(u8::from(variant.nearest))),
                             ("ORTHOGRAPHIC", f64::from(u8::from(variant.orthographic))),
+                            ("MANY_LEVELS", f64::from(u8::from(variant.many_levels))),
+                            ("MANY_ATLASES", f64::from(u8::from(variant.many_atlases))),
+                            ("DRAFT", f64::from(u8::from(variant.draft))),
                         ],
                         ..Default::default()
                     },
@@ -180,25 +225,24 @@ impl RaycastPass {
         UVec2::new(size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]))
     }
 
-    /// Casts a tile of `size` pixels. The pipeline must have been prepared.
+    /// Casts `groups` work-groups, which the feedback buffer lists. The pipeline must have been prepared.
     pub(in crate::render) fn record(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
-        settings: &PictureSettings,
+        inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
         volume: &Residency,
         targets: &RaycastTargets,
-        size: [u32; 2],
+        (groups, draft): (u32, bool),
     ) {
         let pipeline = self
             .pipelines
-            .get(&Variant::new(settings, volume))
+            .get(&Variant::new(inputs, volume, draft))
             .expect("invariant: prepared before recorded");
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &frame.group, &[]);
         pass.set_bind_group(1, &volume.group, &[]);
         pass.set_bind_group(2, &targets.group, &[]);
-        let groups = Self::group_count(size);
-        pass.dispatch_workgroups(groups.x, groups.y, 1);
+        pass.dispatch_workgroups(groups, 1, 1);
     }
 }

@@ -1,0 +1,208 @@
+//! The exact picture under any atlas: tile by tile, each by dispatches between which missing bricks are loaded, until no
+//! ray has anything left to do (design.md §2, invariant 2).
+
+use std::collections::{BTreeSet, VecDeque};
+use std::time::{Duration, Instant};
+
+use glam::{DVec3, Vec4};
+
+use crate::geom::{BRICK_EDGE, BrickId};
+use crate::gpu::GpuContext;
+use crate::gpu::layout::{RAY_LEVEL_MASK, RayState};
+use crate::pager::{FrameRequests, RequestClass};
+use crate::render::{Cast, Feedback, FrameInputs, Renderer, Tile};
+use crate::scene::{Image, LevelFrame, RayCounts, RayFrame};
+use crate::store::StoreError;
+
+use super::super::EngineError;
+use super::paged::{PagedVolume, SEGMENT_SLACK};
+
+/// How long a dispatch should take at most: on real GPUs watchdogs end long ones. A renderer on the CPU has none, and loses
+/// by small pieces.
+const DISPATCH_TIME: [Duration; 2] = [Duration::from_millis(100), Duration::from_millis(1000)];
+/// Samples of a ray in the first dispatch, and least ever.
+const FIRST_LIMIT: [u32; 2] = [128, 1024];
+const LEAST_LIMIT: u32 = 32;
+
+/// A picture on its way.
+#[derive(Debug)]
+pub(super) struct ExactRun {
+    tiles: VecDeque<Tile>,
+    current: Option<(Tile, Vec<u32>)>,
+    sample_limit: u32,
+    pub(super) image: Image,
+    pub(super) counts: RayCounts,
+    /// Bricks with voxels that were sampled.
+    pub(super) touched: BTreeSet<BrickId>,
+    /// Bricks that rays asked for.
+    pub(super) requested: BTreeSet<BrickId>,
+    /// Dispatches of the caster.
+    pub(super) dispatches: u64,
+}
+
+/// Slots that one stopped ray may need at once: the bricks that a segment passes, at most.
+pub(super) fn segment_bricks(rays: &RayFrame, bricks_of: impl Fn(&LevelFrame) -> DVec3) -> usize {
+    rays.used()
+        .iter()
+        .map(|level| {
+            let reach = step_reach(level) + 2.0 * SEGMENT_SLACK;
+            // A length of up to a brick lies in two, and so on; a level has no more than it has.
+            let bricks = (reach / f64::from(BRICK_EDGE)).ceil() + 1.0;
+            let bricks = bricks.min(bricks_of(level));
+            (bricks.x * bricks.y * bricks.z) as usize
+        })
+        .max()
+        .unwrap_or(1)
+}
+
+/// The longest reach of a step along each axis of a level, in its voxels.
+fn step_reach(level: &LevelFrame) -> DVec3 {
+    let level_from_world = level.world_from_level.matrix3.inverse().transpose();
+    // A row's length is the most that a step of 1 mm in any direction moves along that axis.
+    DVec3::new(
+        level_from_world.x_axis.length(),
+        level_from_world.y_axis.length(),
+        level_from_world.z_axis.length(),
+    ) * level.step_mm_exact
+}
+
+impl ExactRun {
+    pub(super) fn new(gpu: &GpuContext, size: [u32; 2], tile: [u32; 2]) -> Self {
+        let [width, height] = size;
+        Self {
+            tiles: Renderer::tiles(size, tile).into(),
+            current: None,
+            sample_limit: FIRST_LIMIT[usize::from(gpu.caps.is_software)],
+            image: Image {
+                width,
+                height,
+                pixels: vec![Vec4::ZERO; width as usize * height as usize],
+            },
+            counts: RayCounts::default(),
+            touched: BTreeSet::new(),
+            requested: BTreeSet::new(),
+            dispatches: 0,
+        }
+    }
+
+    /// One dispatch, and the bricks that the next one needs. True when the picture is complete.
+    ///
+    /// # Errors
+    /// A brick can't be read, or the device is lost.
+    pub(super) fn advance(
+        &mut self,
+        gpu: &GpuContext,
+        renderer: &mut Renderer,
+        volume: &mut PagedVolume,
+        inputs: &FrameInputs<'_>,
+    ) -> Result<bool, EngineError> {
+        let (tile, groups) = match self.current.take() {
+            Some(current) => current,
+            None => {
+                let Some(tile) = self.tiles.pop_front() else {
+                    return Ok(true);
+                };
+                renderer.begin_tile(gpu, inputs, &volume.residency, &tile)?;
+                (tile, Renderer::groups(&tile))
+            }
+        };
+        let cast = Cast {
+            groups: &groups,
+            draft: false,
+            sample_limit: self.sample_limit,
+        };
+        let begin = Instant::now();
+        let report = renderer.cast_and_wait(gpu, inputs, &mut volume.residency, &tile, &cast)?;
+        self.adapt(gpu, begin.elapsed(), &report);
+        self.dispatches += 1;
+        let touched = volume.bricks_in(&report.used_slots);
+        self.touched.extend(&touched);
+        if report.pending_groups.is_empty() {
+            let counts = renderer.collect(gpu, &tile, &mut self.image)?;
+            self.counts.samples += counts.samples;
+            self.counts.skipped += counts.skipped;
+            return Ok(self.tiles.is_empty());
+        }
+        if let Some(pixel) = report.first_stopped {
+            self.load(gpu, renderer, volume, inputs, &tile, &report, &touched, pixel)?;
+        }
+        self.current = Some((tile, report.pending_groups));
+        Ok(false)
+    }
+
+    /// Loads what rays miss; what the first stopped ray needs, together.
+    #[expect(clippy::too_many_arguments, reason = "the parts of one dispatch")]
+    fn load(
+        &mut self,
+        gpu: &GpuContext,
+        renderer: &Renderer,
+        volume: &mut PagedVolume,
+        inputs: &FrameInputs<'_>,
+        tile: &Tile,
+        report: &Feedback,
+        touched: &[BrickId],
+        pixel: u32,
+    ) -> Result<(), EngineError> {
+        let requests = volume.requests(inputs.rays, RequestClass::Missing, &report.missed);
+        self.requested.extend(requests.iter().map(|r| r.brick));
+        let held = if requests.len() <= volume.unused_slots() {
+            // Nobody has to leave.
+            Vec::new()
+        } else {
+            let state = renderer.ray_state(gpu, pixel)?;
+            segment(inputs.rays, tile, pixel, &state, volume)
+        };
+        volume.begin_frame(&FrameRequests {
+            requests: &requests,
+            held: &held,
+            touched,
+            keep_touched: false,
+        });
+        volume.settle(gpu)?;
+        let failed = volume
+            .failures()
+            .keys()
+            .copied()
+            .find(|brick| held.contains(brick) || requests.iter().any(|r| r.brick == *brick));
+        match failed.and_then(|brick| volume.failures().remove(&brick)) {
+            Some(error) => Err(StoreError::into(error)),
+            None => Ok(()),
+        }
+    }
+
+    /// Keeps dispatches near the time that they may take.
+    fn adapt(&mut self, gpu: &GpuContext, took: Duration, report: &Feedback) {
+        let allowed = DISPATCH_TIME[usize::from(gpu.caps.is_software)];
+        if took > allowed {
+            let share = allowed.as_secs_f64() / took.as_secs_f64();
+            self.sample_limit =
+                ((f64::from(self.sample_limit) * share) as u32).max(LEAST_LIMIT);
+        } else if took < allowed / 2 && report.unfinished > report.stopped {
+            self.sample_limit = self.sample_limit.saturating_mul(2);
+        }
+    }
+}
+
+/// The bricks that the next segment of a stopped ray may need.
+fn segment(
+    rays: &RayFrame,
+    tile: &Tile,
+    pixel: u32,
+    state: &RayState,
+    volume: &PagedVolume,
+) -> Vec<BrickId> {
+    let level = &rays.levels[(state.flags & RAY_LEVEL_MASK) as usize];
+    let x = tile.origin[0] + pixel % tile.size[0];
+    let y = tile.origin[1] + pixel / tile.size[0];
+    let u = (f64::from(x) + 0.5) * 2.0 / f64::from(rays.size[0]) - 1.0;
+    let v = 1.0 - (f64::from(y) + 0.5) * 2.0 / f64::from(rays.size[1]);
+    let at = |q: &[glam::Vec3; 3]| q[0].as_dvec3() + q[1].as_dvec3() * u + q[2].as_dvec3() * v;
+    let inverse = 1.0 / at(&rays.world_dir).length();
+    let direction = at(&level.level_dir) * inverse;
+    let origin = at(&level.level_origin) + level.anchor.as_dvec3();
+    let place = |index: i32| {
+        let mm = rays.first_mm_exact + f64::from(index) * level.step_mm_exact;
+        origin + direction * mm
+    };
+    volume.bricks_of_segment(level.lod, [place(state.next - 1), place(state.next)])
+}

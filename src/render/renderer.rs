@@ -1,0 +1,446 @@
+//! Pictures tile by tile, so that `--size` is bounded by no texture and no buffer; each tile by as many dispatches as its
+//! rays need.
+
+use std::collections::BTreeMap;
+
+use glam::Vec4;
+
+use super::feedback::{Feedback, PendingFeedback};
+use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
+use super::passes::{BoundsPass, BoundsTargets, MeshBuffers, RaycastPass, RaycastTargets};
+use super::residency::Residency;
+use crate::gpu::layout::{MAX_GROUPS, RayState};
+use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
+use crate::proxy::Mesh;
+use crate::scene::{Image, RayCounts};
+
+/// Greatest width and height of a tile, pixels: 2²⁰ rays.
+pub const TILE_EDGE: u32 = 1024;
+
+/// Bytes per pixel of a tile: what the caster has, and three depths.
+const BYTES_PER_PIXEL: u64 = RaycastTargets::BYTES_PER_PIXEL + 3 * 4;
+
+/// Passes whose times wait to be read.
+const TIMED_PASSES: u32 = 256;
+
+/// Which rays a dispatch casts, and how far.
+#[derive(Clone, Copy, Debug)]
+pub struct Cast<'a> {
+    /// Work-groups of the tile.
+    pub groups: &'a [u32],
+    /// Rays don't stop: coarser bricks stand in for missing ones.
+    pub draft: bool,
+    /// Samples after which a ray goes on in the next dispatch; drafts have no limit.
+    pub sample_limit: u32,
+}
+
+/// The passes and the buffers that outlive a picture.
+#[derive(Debug)]
+pub struct Renderer {
+    frame: FrameBindings,
+    bounds: BoundsPass,
+    raycast: RaycastPass,
+    targets: Option<Targets>,
+    mesh: Option<MeshBuffers>,
+    levels: usize,
+    timer: PassTimer,
+    passes_ms: Option<BTreeMap<String, f64>>,
+}
+
+#[derive(Debug)]
+struct Targets {
+    size: [u32; 2],
+    /// Bound to them: with another volume they are made anew.
+    feedback: wgpu::Buffer,
+    bounds: BoundsTargets,
+    raycast: RaycastTargets,
+}
+
+impl Renderer {
+    /// The passes that every picture of a volume of `levels` levels needs; the caster's pipelines come with the modes.
+    ///
+    /// # Errors
+    /// The device refuses a shader or a pipeline.
+    pub fn new(gpu: &GpuContext, levels: usize) -> Result<Self, GpuError> {
+        let frame = FrameBindings::new(gpu, levels);
+        let bounds = BoundsPass::new(gpu, &frame)?;
+        Ok(Self {
+            bounds,
+            raycast: RaycastPass::new(gpu),
+            frame,
+            targets: None,
+            mesh: None,
+            levels,
+            timer: PassTimer::new(gpu, TIMED_PASSES),
+            passes_ms: gpu.caps.timestamps.then(BTreeMap::new),
+        })
+    }
+
+    /// The tiles that pictures of `size` are cut into when per-pixel buffers may take `budget_bytes`.
+    pub fn tile_size(size: [u32; 2], budget_bytes: u64) -> [u32; 2] {
+        let mut tile = size.map(|s| s.min(TILE_EDGE));
+        while u64::from(tile[0]) * u64::from(tile[1]) * BYTES_PER_PIXEL > budget_bytes
+            && tile != [64, 64]
+        {
+            let longer = usize::from(tile[1] > tile[0]);
+            tile[longer] = (tile[longer] / 2).max(64);
+            if tile.iter().all(|&t| t <= 64) {
+                break;
+            }
+        }
+        tile
+    }
+
+    /// Bytes of the per-pixel buffers of a tile.
+    pub fn tile_bytes(tile: [u32; 2]) -> u64 {
+        u64::from(tile[0] + 2) * u64::from(tile[1] + 2) * BYTES_PER_PIXEL
+    }
+
+    /// Bytes of tables and uniforms for volumes of `levels` levels.
+    pub fn frame_bytes(levels: usize) -> u64 {
+        FrameBindings::bytes_for(levels)
+    }
+
+    /// Bytes on the device: tables, tile, mesh.
+    pub fn bytes(&self) -> u64 {
+        Self::frame_bytes(self.levels)
+            + self.targets.as_ref().map_or(0, |t| Self::tile_bytes(t.size))
+            + self.mesh.as_ref().map_or(0, MeshBuffers::bytes)
+    }
+
+    /// The tiles of a picture, row by row.
+    pub fn tiles(picture: [u32; 2], tile: [u32; 2]) -> Vec<Tile> {
+        let mut tiles = Vec::new();
+        for y in (0..picture[1]).step_by(tile[1] as usize) {
+            for x in (0..picture[0]).step_by(tile[0] as usize) {
+                tiles.push(Tile {
+                    origin: [x, y],
+                    size: tile,
+                    part_size: [tile[0].min(picture[0] - x), tile[1].min(picture[1] - y)],
+                });
+            }
+        }
+        tiles
+    }
+
+    /// The work-groups of a tile, in the order of the picture.
+    pub fn groups(tile: &Tile) -> Vec<u32> {
+        let wide = RaycastPass::group_count(tile.size).x;
+        let part = RaycastPass::group_count(tile.part_size);
+        (0..part.y)
+            .flat_map(|y| (0..part.x).map(move |x| y * wide + x))
+            .collect()
+    }
+
+    /// Sends the tables and builds the pipelines for a picture in tiles of `tile` pixels.
+    ///
+    /// # Errors
+    /// The device is lost or has not the memory.
+    pub fn begin_picture(
+        &mut self,
+        gpu: &GpuContext,
+        inputs: &FrameInputs<'_>,
+        volume: &Residency,
+        tile: [u32; 2],
+        draft: bool,
+    ) -> Result<(), GpuError> {
+        self.raycast
+            .prepare(gpu, inputs, &self.frame, volume, draft)?;
+        if self
+            .targets
+            .as_ref()
+            .is_none_or(|t| t.size != tile || t.feedback != volume.feedback)
+        {
+            self.targets = None;
+            self.targets = Some(gpu.checked("allocating the picture's buffers", || {
+                let bounds = BoundsTargets::new(gpu, tile.map(|t| t + 2 * BOUNDS_MARGIN));
+                let pixels = u64::from(tile[0]) * u64::from(tile[1]);
+                let raycast = self.raycast.targets(gpu, &bounds, volume, pixels);
+                Ok(Targets {
+                    size: tile,
+                    feedback: volume.feedback.clone(),
+                    bounds,
+                    raycast,
+                })
+            })?);
+        }
+        self.frame.write_tables(gpu, inputs.classified);
+        Ok(())
+    }
+
+    /// Sends the bounding mesh that the next tiles are bounded by.
+    ///
+    /// # Errors
+    /// The device has not the memory.
+    pub fn set_mesh(&mut self, gpu: &GpuContext, mesh: &Mesh) -> Result<(), GpuError> {
+        self.mesh = None;
+        self.mesh = Some(MeshBuffers::new(gpu, mesh)?);
+        Ok(())
+    }
+
+    /// Puts every ray of a tile at its beginning, and draws the mesh that bounds them.
+    ///
+    /// # Errors
+    /// The device is lost.
+    pub fn begin_tile(
+        &mut self,
+        gpu: &GpuContext,
+        inputs: &FrameInputs<'_>,
+        volume: &Residency,
+        tile: &Tile,
+    ) -> Result<(), GpuError> {
+        self.read_times(gpu, 3)?;
+        let targets = self
+            .targets
+            .as_ref()
+            .expect("invariant: the picture was begun");
+        let params = DispatchParams {
+            tile: *tile,
+            sample_limit: 0,
+            dispatch: 0,
+        };
+        self.frame.write(gpu, inputs, volume, &params);
+        let mut encoder = encoder(gpu, "renderer.tile");
+        targets.raycast.clear(&mut encoder);
+        if let Some(mesh) = self.mesh.as_ref().filter(|_| inputs.skip) {
+            let mesh_level = inputs.rays.coarsest_used();
+            let mirrored = mesh_level.world_from_level.matrix3.determinant() < 0.0;
+            self.bounds.record(
+                &mut encoder,
+                &self.frame,
+                mesh,
+                &targets.bounds,
+                mirrored,
+                &mut self.timer,
+            );
+        }
+        gpu.queue.submit([encoder.finish()]);
+        Ok(())
+    }
+
+    /// Casts rays of a tile that was begun.
+    ///
+    /// # Errors
+    /// The device is lost.
+    pub fn cast(
+        &mut self,
+        gpu: &GpuContext,
+        inputs: &FrameInputs<'_>,
+        volume: &mut Residency,
+        tile: &Tile,
+        cast: &Cast<'_>,
+    ) -> Result<PendingFeedback, GpuError> {
+        self.read_times(gpu, 1)?;
+        let targets = self
+            .targets
+            .as_ref()
+            .expect("invariant: the picture was begun");
+        let dispatch = volume.next_dispatch();
+        let params = DispatchParams {
+            tile: *tile,
+            sample_limit: if cast.draft {
+                u32::MAX
+            } else {
+                cast.sample_limit
+            },
+            dispatch,
+        };
+        self.frame.write(gpu, inputs, volume, &params);
+        let places = volume.feedback_places();
+        let groups = if gpu.caps.is_software {
+            spread(cast.groups)
+        } else {
+            cast.groups.to_vec()
+        };
+        assert!(
+            groups.len() <= MAX_GROUPS as usize,
+            "invariant: a tile has at most {MAX_GROUPS} work-groups"
+        );
+        gpu.queue.write_buffer(
+            &volume.feedback,
+            u64::from(places.groups) * 4,
+            bytemuck::cast_slice(&groups),
+        );
+        let mut encoder = encoder(gpu, "renderer.cast");
+        places.clear(&mut encoder, &volume.feedback);
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("raycast"),
+                timestamp_writes: self.timer.compute("raycast"),
+            });
+            self.raycast.record(
+                &mut pass,
+                inputs,
+                &self.frame,
+                volume,
+                &targets.raycast,
+                (groups.len() as u32, cast.draft),
+            );
+        }
+        let copy =
+            PendingFeedback::record(gpu, &mut encoder, &volume.feedback, places, dispatch);
+        gpu.queue.submit([encoder.finish()]);
+        Ok(PendingFeedback::map(copy))
+    }
+
+    /// As [`Self::cast`], and waits for the report.
+    ///
+    /// # Errors
+    /// The device is lost.
+    pub fn cast_and_wait(
+        &mut self,
+        gpu: &GpuContext,
+        inputs: &FrameInputs<'_>,
+        volume: &mut Residency,
+        tile: &Tile,
+        cast: &Cast<'_>,
+    ) -> Result<Feedback, GpuError> {
+        self.cast(gpu, inputs, volume, tile, cast)?.wait(gpu)
+    }
+
+    /// Where the ray of pixel number `pixel` of the tile's buffers stands.
+    ///
+    /// # Errors
+    /// The device is lost.
+    pub fn ray_state(&self, gpu: &GpuContext, pixel: u32) -> Result<RayState, GpuError> {
+        let targets = self
+            .targets
+            .as_ref()
+            .expect("invariant: the picture was begun");
+        let size = size_of::<RayState>() as u64;
+        let [bytes] = read_buffers(
+            gpu,
+            [(targets.raycast.rays(), u64::from(pixel) * size, size)],
+        )?;
+        Ok(bytemuck::pod_read_unaligned(&bytes))
+    }
+
+    /// Reads a tile back into the picture.
+    ///
+    /// # Errors
+    /// The device is lost.
+    pub fn collect(
+        &mut self,
+        gpu: &GpuContext,
+        tile: &Tile,
+        image: &mut Image,
+    ) -> Result<RayCounts, GpuError> {
+        let targets = self
+            .targets
+            .as_ref()
+            .expect("invariant: the picture was begun");
+        let pixels = u64::from(tile.size[0]) * u64::from(tile.part_size[1]);
+        let [colors, counts] = read_buffers(
+            gpu,
+            [
+                (&targets.raycast.picture, 0, pixels * 16),
+                (&targets.raycast.counts, 0, pixels * 8),
+            ],
+        )?;
+        let colors: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&colors);
+        let counts: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&counts);
+        let (stride, kept) = (tile.size[0] as usize, tile.part_size[0] as usize);
+        let mut sums = RayCounts::default();
+        for row in 0..tile.part_size[1] as usize {
+            let from = row * stride;
+            let to = (tile.origin[1] as usize + row) * image.width as usize
+                + tile.origin[0] as usize;
+            for (pixel, color) in image.pixels[to..to + kept].iter_mut().zip(&colors[from..]) {
+                *pixel = Vec4::from_array(*color);
+            }
+            for [samples, skipped] in &counts[from..from + kept] {
+                sums.samples += u64::from(*samples);
+                sums.skipped += u64::from(*skipped);
+            }
+        }
+        Ok(sums)
+    }
+
+    /// Milliseconds per pass since the last call, where the device has timestamps.
+    ///
+    /// # Errors
+    /// The device is lost.
+    pub fn take_passes_ms(
+        &mut self,
+        gpu: &GpuContext,
+    ) -> Result<Option<BTreeMap<String, f64>>, GpuError> {
+        self.read_times(gpu, TIMED_PASSES)?;
+        Ok(self.passes_ms.as_mut().map(std::mem::take))
+    }
+
+    /// Reads the times of passes when there is no place for `passes` more.
+    fn read_times(&mut self, gpu: &GpuContext, passes: u32) -> Result<(), GpuError> {
+        if self.timer.is_full_for(passes)
+            && let (Some(sums), Some(times)) = (&mut self.passes_ms, self.timer.read(gpu)?)
+        {
+            for (name, ms) in times {
+                *sums.entry(name).or_insert(0.0) += ms;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn encoder(gpu: &GpuContext, label: &str) -> wgpu::CommandEncoder {
+    gpu.device
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
+}
+
+/// The work-groups in an order that spreads neighbours far apart: software adapters give each thread a contiguous range of
+/// the dispatch, and the costly parts of a picture lie together.
+fn spread(groups: &[u32]) -> Vec<u32> {
+    let stride = spreading_stride(groups.len());
+    (0..groups.len())
+        .map(|i| groups[i * stride % groups.len()])
+        .collect()
+}
+
+/// A stride through `count` that meets each once and spreads neighbours far apart: near the golden section of `count`, and
+/// coprime with it.
+fn spreading_stride(count: usize) -> usize {
+    let coprime = |a: usize| {
+        let (mut a, mut b) = (a, count);
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a == 1
+    };
+    let golden = (count as f64 * 0.618) as usize;
+    (golden.max(1)..count).find(|&s| coprime(s)).unwrap_or(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_group_is_met_once() {
+        for count in [1_u32, 2, 3, 7, 8, 64, 1000, 4096, 128 * 96, 1 << 14] {
+            let groups: Vec<u32> = (0..count).map(|g| g * 3).collect();
+            let mut met = spread(&groups);
+            met.sort_unstable();
+            assert_eq!(met, groups, "{count} groups");
+        }
+    }
+
+    #[test]
+    fn tiles_cover_the_picture_once() {
+        let tiles = Renderer::tiles([130, 70], [64, 64]);
+        let pixels: u32 = tiles
+            .iter()
+            .map(|t| t.part_size[0] * t.part_size[1])
+            .sum();
+        assert_eq!((tiles.len(), pixels), (6, 130 * 70));
+        assert_eq!(tiles[2].part_size, [2, 64], "the last of a row is cut");
+        assert_eq!(
+            Renderer::groups(&tiles[5]),
+            [0],
+            "2 × 6 pixels are one work-group"
+        );
+        assert_eq!(
+            Renderer::groups(&tiles[3]),
+            (0..8).collect::<Vec<u32>>(),
+            "64 × 6 pixels"
+        );
+    }
+}
