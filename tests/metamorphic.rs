@@ -15,7 +15,10 @@ mod scenes;
 
 use brickscope::camera::{Camera, Projection};
 use brickscope::engine::{Engine, EngineOptions, Picture, SampleFilter};
-use brickscope::scene::{Mode, PictureSettings, Shading, ShadingModel, Technique};
+use brickscope::geom::Lod;
+use brickscope::scene::{
+    LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique,
+};
 use brickscope::volume::VoxelType;
 use compare::{assert_same_bits, coverage, difference};
 use glam::{DAffine3, DVec3};
@@ -235,6 +238,7 @@ fn any_atlas_gives_the_same_picture() {
         ] {
             let mut s = settings(&store.store, mode);
             s.size = [96, 80];
+            s.lod = LodChoice::Fixed(Lod(0));
             s.step = step;
             s.technique = technique;
             s.shading = Shading {
@@ -242,7 +246,8 @@ fn any_atlas_gives_the_same_picture() {
                 ..Shading::default()
             };
             let whole = under(&store, &s, None);
-            assert!(coverage(&whole.image) > 0.05, "something is seen");
+            let seen = coverage(&whole.image);
+            assert!(seen > 0.02, "{} {model:?} step {step}: {seen}", mode.name());
             assert_eq!(whole.stats.bricks_evicted, Some(0), "everything fits");
             for slots in [9, 64, 512] {
                 let what = format!("{} {model:?} step {step}, {slots} slots", mode.name());
@@ -254,6 +259,38 @@ fn any_atlas_gives_the_same_picture() {
                 }
             }
         }
+    }
+}
+
+/// A camera that sees several levels: inside, with voxels of a few pixels nearby.
+fn many_levels(store: &TestStore, mode: Mode) -> PictureSettings {
+    let mut s = settings(&store.store, mode);
+    s.size = [96, 80];
+    s.camera = inside(
+        &store.store,
+        DVec3::new(0.5, 0.1, 0.45),
+        DVec3::new(0.1, 1.0, 0.2),
+    );
+    s.lod_error = 3.0;
+    s
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn several_levels_in_one_picture_under_any_atlas() {
+    let store = phantom("phantom:body:200,180,210:u16");
+    for mode in MODES {
+        let s = many_levels(&store, mode);
+        let whole = under(&store, &s, None);
+        assert!(coverage(&whole.image) > 0.05, "{}: something is seen", mode.name());
+        for slots in [9, 64] {
+            let what = format!("{}, {slots} slots", mode.name());
+            assert_same_bits(&whole.image, &under(&store, &s, Some(slots)).image, &what);
+        }
+        let mut plain = s.clone();
+        plain.technique = Technique::Basic;
+        let plain = under(&store, &plain, None);
+        assert_same_bits(&whole.image, &plain.image, &format!("{}: skipping", mode.name()));
     }
 }
 

@@ -211,6 +211,7 @@ impl PagedVolume {
             }
         }
         self.residency.write_activity(gpu);
+        self.staging.submit(gpu)?;
         Ok(())
     }
 
