@@ -7,6 +7,7 @@
 mod device;
 mod options;
 mod picture;
+mod tick;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,6 +17,7 @@ pub use options::{
     DeviceChoice, EngineError, EngineOptions, ReadHook, ReadHookOption, SampleFilter,
 };
 pub use picture::Picture;
+pub use tick::{TickBudget, TickEvent, TickReport};
 
 use crate::reference;
 use crate::scene::{Classified, GridParams, PictureSettings, PictureStats, RayFrame, SceneError};
@@ -33,7 +35,7 @@ pub struct Engine {
 
 #[derive(Debug)]
 enum Device {
-    Cpu,
+    Cpu(tick::CpuPicture),
     #[cfg(feature = "gpu")]
     Gpu(Box<device::GpuDevice>),
 }
@@ -76,7 +78,7 @@ impl Engine {
     /// The device in words, for people: the adapter's name, or the CPU.
     pub fn device_name(&self) -> String {
         match &self.device {
-            Device::Cpu => "CPU (reference renderer)".into(),
+            Device::Cpu(_) => "CPU (reference renderer)".into(),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.name(),
         }
@@ -89,7 +91,7 @@ impl Engine {
     pub fn render(&mut self, settings: &PictureSettings) -> Result<Picture, EngineError> {
         let begin = Instant::now();
         let mut picture = match &mut self.device {
-            Device::Cpu => render_on_cpu(&self.store, &self.options, settings)?,
+            Device::Cpu(_) => render_on_cpu(&self.store, &self.options, settings)?,
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.render(settings)?,
         };
@@ -114,7 +116,7 @@ fn open_device(
     use crate::gpu::{AdapterChoice, GpuError};
 
     let choice = match &options.device {
-        DeviceChoice::Cpu => return Ok((Device::Cpu, None)),
+        DeviceChoice::Cpu => return Ok((Device::Cpu(tick::CpuPicture::default()), None)),
         DeviceChoice::Auto => AdapterChoice::Best,
         DeviceChoice::SoftwareGpu => AdapterChoice::SoftwareFirst,
         DeviceChoice::Named(name) => AdapterChoice::Named(name.clone()),
@@ -124,7 +126,7 @@ fn open_device(
         Err(EngineError::Gpu(error @ (GpuError::NoAdapter | GpuError::NoDevice { .. })))
             if options.device == DeviceChoice::Auto =>
         {
-            Ok((Device::Cpu, Some(error.to_string())))
+            Ok((Device::Cpu(tick::CpuPicture::default()), Some(error.to_string())))
         }
         Err(error) => Err(error),
     }
@@ -136,9 +138,9 @@ fn open_device(
     options: &EngineOptions,
 ) -> Result<(Device, Option<String>), EngineError> {
     match &options.device {
-        DeviceChoice::Cpu => Ok((Device::Cpu, None)),
+        DeviceChoice::Cpu => Ok((Device::Cpu(tick::CpuPicture::default()), None)),
         DeviceChoice::Auto => Ok((
-            Device::Cpu,
+            Device::Cpu(tick::CpuPicture::default()),
             Some("this build has no GPU renderer (feature `gpu`)".into()),
         )),
         DeviceChoice::Named(_) | DeviceChoice::SoftwareGpu => Err(EngineError::NoGpuBuilt),
@@ -187,6 +189,7 @@ fn render_on_cpu(
     Ok(Picture {
         image: drawn.image,
         stats,
+        touched: Vec::new(),
         notes: Vec::new(),
     })
 }

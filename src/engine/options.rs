@@ -103,6 +103,8 @@ pub enum EngineError {
         "the store has {levels} levels, but at most {most} can be drawn on a GPU; render with --device cpu, or brick with fewer --levels"
     )]
     TooManyLevels { levels: usize, most: u32 },
+    #[error("a worker thread ended without a result; its panic message says why")]
+    Worker,
     #[error("the bounding mesh: {0}")]
     Mesh(#[from] crate::proxy::ProxyError),
     #[error("cannot start the decoders: {0}")]

@@ -95,6 +95,20 @@ impl Activity {
             Self::Blocks(_) => BRICK_MIXED,
         }
     }
+
+    /// A level's activities, 16 to a word, as [`Residency::set_level_activity`] takes them. None by blocks: those are by
+    /// slot.
+    pub fn pack(activities: &[Self]) -> Vec<u32> {
+        activities
+            .chunks(16)
+            .map(|chunk| {
+                (0..).step_by(2).zip(chunk).fold(0, |word, (shift, a)| {
+                    debug_assert!(!matches!(a, Self::Blocks(_)), "occupancies lie by slot");
+                    word | a.bits() << shift
+                })
+            })
+            .collect()
+    }
 }
 
 /// What a residency is made for.
@@ -157,8 +171,9 @@ fn indirection_size(grids: &[BrickGrid]) -> UVec3 {
     })
 }
 
+/// Numbers of bricks that all levels take. Each level begins with a word of the activity.
 fn brick_count(grids: &[BrickGrid]) -> u64 {
-    grids.iter().map(BrickGrid::len).sum()
+    grids.iter().map(|g| g.len().next_multiple_of(16)).sum()
 }
 
 impl Residency {
@@ -228,7 +243,7 @@ impl Residency {
             .iter()
             .scan(0, |next, g| {
                 let first = *next;
-                *next += g.len() as u32;
+                *next += g.len().next_multiple_of(16) as u32;
                 Some(first)
             })
             .collect();
@@ -593,6 +608,19 @@ impl Residency {
                 );
             },
         )
+    }
+
+    /// What the index tells of all bricks of a level ([`Activity::pack`]); resident ones have to be set again.
+    /// [`Self::write_activity`] sends it.
+    pub fn set_level_activity(&mut self, lod: Lod, packed: &[u32]) {
+        let first = self.first_bricks[usize::from(lod.0)] / 16;
+        for (word, &packed) in (first..).zip(packed) {
+            let old = &mut self.activity_words[word as usize];
+            if *old != packed {
+                *old = packed;
+                self.activity_changed.insert(word);
+            }
+        }
     }
 
     /// What can be seen of a brick; `slot` is where it lies, if it does. [`Self::write_activity`] sends it.

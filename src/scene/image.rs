@@ -16,6 +16,15 @@ pub struct Image {
 }
 
 impl Image {
+    /// A picture of nothing, `size` pixels.
+    pub fn clear([width, height]: [u32; 2]) -> Self {
+        Self {
+            width,
+            height,
+            pixels: vec![Vec4::ZERO; width as usize * height as usize],
+        }
+    }
+
     /// The picture over `background` as straight 8-bit RGBA: round(255 · c), no gamma (cli.md, "Colour").
     pub fn to_rgba8(&self, background: Background) -> Vec<u8> {
         let to_byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;

@@ -7,24 +7,23 @@ use glam::{DVec3, UVec3};
 
 use crate::camera::Projection;
 use crate::classify::Occupancy;
-use crate::geom::{BLOCKS_PER_EDGE, BRICK_EDGE, BrickGrid, BrickId, Lod};
+use crate::geom::{BLOCKS_PER_EDGE, BRICK_EDGE, BrickGrid, BrickId};
 use crate::pager::scan;
 use crate::proxy::{ActiveBlocks, Granularity, Mesh, ProxyError, bounding_mesh};
 use crate::scene::{LevelFrame, RayFrame};
 use crate::store::Store;
 
-use super::paged::LevelVisibility;
+use super::classification::{KnownRanges, SeenLevels};
 
 /// Blocks that project below this many pixels are not worth a face (design.md §6).
 const LEAST_BLOCK_PIXELS: f64 = 2.0;
 
-/// The blocks that may be visible, where they can be sampled. `occupancy` tells the blocks of a brick that is visible by
-/// the index.
+/// The blocks that may be visible, where they can be sampled: all of a brick's whose block ranges are not known.
 pub(super) fn active_blocks(
     store: &Store,
     rays: &RayFrame,
-    levels: &BTreeMap<Lod, LevelVisibility>,
-    occupancy: impl Fn(&LevelVisibility, BrickId) -> Occupancy,
+    levels: &SeenLevels,
+    known: &KnownRanges,
 ) -> Result<ActiveBlocks, ProxyError> {
     let target = rays.coarsest_used();
     let target_grid = store.level(target.lod).grid;
@@ -40,7 +39,10 @@ pub(super) fn active_blocks(
             if !brick.visible || !shell.holds(brick.id) {
                 continue;
             }
-            let blocks = occupancy(seen, brick.id);
+            let blocks = match known.get(&brick.id) {
+                Some(ranges) => Occupancy::from_ranges(ranges, &seen.visibility),
+                None => Occupancy::FULL,
+            };
             if ratio == DVec3::ONE {
                 let entry = bricks.entry(brick.index).or_insert(Occupancy::EMPTY);
                 *entry = entry.union(&blocks);

@@ -4,15 +4,14 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
-use glam::{DVec3, Vec4};
+use glam::DVec3;
 
 use crate::geom::{BRICK_EDGE, BrickId};
 use crate::gpu::GpuContext;
 use crate::gpu::layout::{RAY_LEVEL_MASK, RayState};
 use crate::pager::{FrameRequests, RequestClass};
 use crate::render::{Cast, Feedback, FrameInputs, Renderer, Tile};
-use crate::scene::{Image, LevelFrame, RayCounts, RayFrame};
-use crate::store::StoreError;
+use crate::scene::{Image, LevelFrame, PictureStats, RayCounts, RayFrame};
 
 use super::super::EngineError;
 use super::paged::{PagedVolume, SEGMENT_SLACK};
@@ -30,6 +29,9 @@ pub(super) struct ExactRun {
     tiles: VecDeque<Tile>,
     current: Option<(Tile, Vec<u32>)>,
     sample_limit: u32,
+    /// Bricks were asked for that the next dispatch needs: these.
+    is_waiting: bool,
+    needed: BTreeSet<BrickId>,
     pub(super) image: Image,
     pub(super) counts: RayCounts,
     /// Bricks with voxels that were sampled.
@@ -38,6 +40,24 @@ pub(super) struct ExactRun {
     pub(super) requested: BTreeSet<BrickId>,
     /// Dispatches of the caster.
     pub(super) dispatches: u64,
+}
+
+/// What to do while bricks are on their way.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Wait {
+    /// Wait for them.
+    Block,
+    /// Come back later; upload at most so much each time.
+    Upload { bytes: u64 },
+}
+
+/// How far a picture is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Progress {
+    Complete,
+    Advanced,
+    /// For bricks.
+    Waiting,
 }
 
 /// Slots that one stopped ray may need at once: the bricks that a segment passes, at most.
@@ -67,17 +87,20 @@ fn step_reach(level: &LevelFrame) -> DVec3 {
 }
 
 impl ExactRun {
-    pub(super) fn new(gpu: &GpuContext, size: [u32; 2], tile: [u32; 2]) -> Self {
-        let [width, height] = size;
+    /// A picture in tiles of `tile` pixels; finished tiles replace those of `base`.
+    pub(super) fn new(
+        gpu: &GpuContext,
+        size: [u32; 2],
+        tile: [u32; 2],
+        base: Option<Image>,
+    ) -> Self {
         Self {
             tiles: Renderer::tiles(size, tile).into(),
             current: None,
+            is_waiting: false,
+            needed: BTreeSet::new(),
             sample_limit: FIRST_LIMIT[usize::from(gpu.caps.is_software)],
-            image: Image {
-                width,
-                height,
-                pixels: vec![Vec4::ZERO; width as usize * height as usize],
-            },
+            image: base.unwrap_or_else(|| Image::clear(size)),
             counts: RayCounts::default(),
             touched: BTreeSet::new(),
             requested: BTreeSet::new(),
@@ -85,7 +108,20 @@ impl ExactRun {
         }
     }
 
-    /// One dispatch, and the bricks that the next one needs. True when the picture is complete.
+    /// Tiles that are not finished.
+    pub(super) fn tiles_left(&self) -> usize {
+        self.tiles.len() + usize::from(self.current.is_some())
+    }
+
+    /// What the rays did.
+    pub(super) fn report(&self, stats: &mut PictureStats) {
+        stats.samples = self.counts.samples;
+        stats.samples_skipped = self.counts.skipped;
+        stats.bricks_requested = Some(self.requested.len() as u64);
+        stats.bricks_touched = Some(self.touched.len() as u64);
+    }
+
+    /// One dispatch, once the bricks that it needs are there.
     ///
     /// # Errors
     /// A brick can't be read, or the device is lost.
@@ -95,12 +131,26 @@ impl ExactRun {
         renderer: &mut Renderer,
         volume: &mut PagedVolume,
         inputs: &FrameInputs<'_>,
-    ) -> Result<bool, EngineError> {
+        wait: Wait,
+    ) -> Result<Progress, EngineError> {
+        if self.is_waiting {
+            match wait {
+                Wait::Block => volume.settle(gpu)?,
+                Wait::Upload { bytes } => volume.advance(gpu, bytes)?,
+            }
+            if !volume.is_placed() {
+                return Ok(Progress::Waiting);
+            }
+            self.is_waiting = false;
+            if let Some(error) = volume.take_failure(&self.needed) {
+                return Err(error.into());
+            }
+        }
         let (tile, groups) = match self.current.take() {
             Some(current) => current,
             None => {
                 let Some(tile) = self.tiles.pop_front() else {
-                    return Ok(true);
+                    return Ok(Progress::Complete);
                 };
                 renderer.begin_tile(gpu, inputs, &volume.residency, &tile)?;
                 (tile, Renderer::groups(&tile))
@@ -121,18 +171,22 @@ impl ExactRun {
             let counts = renderer.collect(gpu, &tile, &mut self.image)?;
             self.counts.samples += counts.samples;
             self.counts.skipped += counts.skipped;
-            return Ok(self.tiles.is_empty());
+            return Ok(if self.tiles.is_empty() {
+                Progress::Complete
+            } else {
+                Progress::Advanced
+            });
         }
         if let Some(pixel) = report.first_stopped {
-            self.load(gpu, renderer, volume, inputs, &tile, &report, &touched, pixel)?;
+            self.request(gpu, renderer, volume, inputs, &tile, &report, &touched, pixel)?;
         }
         self.current = Some((tile, report.pending_groups));
-        Ok(false)
+        Ok(Progress::Advanced)
     }
 
-    /// Loads what rays miss; what the first stopped ray needs, together.
+    /// Asks for what rays miss; what the first stopped ray needs, together.
     #[expect(clippy::too_many_arguments, reason = "the parts of one dispatch")]
-    fn load(
+    fn request(
         &mut self,
         gpu: &GpuContext,
         renderer: &Renderer,
@@ -144,7 +198,6 @@ impl ExactRun {
         pixel: u32,
     ) -> Result<(), EngineError> {
         let requests = volume.requests(inputs.rays, RequestClass::Missing, &report.missed);
-        self.requested.extend(requests.iter().map(|r| r.brick));
         let held = if requests.len() <= volume.unused_slots() {
             // Nobody has to leave.
             Vec::new()
@@ -158,16 +211,10 @@ impl ExactRun {
             touched,
             keep_touched: false,
         });
-        volume.settle(gpu)?;
-        let failed = volume
-            .failures()
-            .keys()
-            .copied()
-            .find(|brick| held.contains(brick) || requests.iter().any(|r| r.brick == *brick));
-        match failed.and_then(|brick| volume.failures().remove(&brick)) {
-            Some(error) => Err(StoreError::into(error)),
-            None => Ok(()),
-        }
+        self.needed = requests.iter().map(|r| r.brick).chain(held).collect();
+        self.requested.extend(requests.iter().map(|r| r.brick));
+        self.is_waiting = true;
+        Ok(())
     }
 
     /// Keeps dispatches near the time that they may take.

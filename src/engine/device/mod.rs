@@ -1,26 +1,28 @@
 //! The GPU half of the engine: device, paged volume and renderer of one store, kept from picture to picture.
 
 mod bounds;
+mod classification;
 mod exact;
+mod live;
 mod paged;
+mod plan;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{EngineError, EngineOptions, Picture, prepare};
-use crate::classify::Visibility;
+use super::{EngineError, EngineOptions, Picture};
 use crate::geom::{BrickGrid, Lod};
 use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
-use crate::pager::{AtlasShape, scan};
-use crate::proxy::Mesh;
-use crate::render::{AtlasPlan, FrameInputs, Renderer, Residency};
-use crate::scene::{Classified, Mode, PictureSettings, PictureStats, RayFrame, Technique};
+use crate::pager::AtlasShape;
+use crate::render::{AtlasPlan, Renderer, Residency};
+use crate::scene::{PictureSettings, PictureStats};
 use crate::store::Store;
 
-use bounds::{active_blocks, mesh};
-use exact::{ExactRun, segment_bricks};
-use paged::{LevelVisibility, PagedVolume, Traffic};
+use classification::{KnownRanges, SeenLevels};
+use exact::{ExactRun, Progress, Wait, segment_bricks};
+use live::Live;
+use paged::{PagedVolume, Traffic};
+use plan::{PicturePlan, ReadyPictures};
 
 /// Bytes staged per burst of uploads.
 const BURST_BYTES: u64 = 16 << 20;
@@ -29,6 +31,8 @@ const BURST_BYTES: u64 = 16 << 20;
 const DEFAULT_BYTES: [u64; 2] = [4 << 30, 2 << 30];
 /// Below this, a device without memory is not asked again.
 const LEAST_BYTES: u64 = 16 << 20;
+/// Bytes of tables per slot: occupancy, stamp and its read-back.
+const SLOT_BYTES: u64 = 72;
 
 /// A device and what of the store is on it.
 #[derive(Debug)]
@@ -39,61 +43,11 @@ pub(super) struct GpuDevice {
     options: EngineOptions,
     grids: Vec<BrickGrid>,
     volume: Option<PagedVolume>,
+    live: Option<Live>,
     /// Bound of all bytes on the device: what was asked for, or less once the device refused.
     budget_bytes: u64,
     /// What the last picture asked of the device.
     attempted_bytes: u64,
-}
-
-/// A picture's settings made ready.
-#[derive(Debug)]
-struct Prepared {
-    settings: PictureSettings,
-    rays: RayFrame,
-    classified: Classified,
-    levels: BTreeMap<Lod, LevelVisibility>,
-    skip: bool,
-}
-
-impl Prepared {
-    fn new(store: &Store, settings: &PictureSettings) -> Result<Self, EngineError> {
-        let (rays, classified) = prepare(store, settings)?;
-        let skip = settings.technique == Technique::Default;
-        let iso = (settings.mode == Mode::Iso).then_some(classified.iso_stored);
-        let levels = rays
-            .used()
-            .iter()
-            .zip(&classified.levels)
-            .map(|(level, table)| {
-                let visibility = if skip {
-                    table.visibility.clone()
-                } else {
-                    Visibility::All
-                };
-                (level.lod, LevelVisibility { visibility, iso })
-            })
-            .collect();
-        for level in &rays.levels {
-            store.check_level(level.lod)?;
-        }
-        Ok(Self {
-            settings: settings.clone(),
-            rays,
-            classified,
-            levels,
-            skip,
-        })
-    }
-
-    fn inputs(&self, store: &Store) -> FrameInputs<'_> {
-        FrameInputs {
-            rays: &self.rays,
-            classified: &self.classified,
-            settings: &self.settings,
-            value_floor: store.meta().value_min as f32,
-            skip: self.skip,
-        }
-    }
 }
 
 impl GpuDevice {
@@ -124,6 +78,7 @@ impl GpuDevice {
             options: options.clone(),
             grids,
             volume: None,
+            live: None,
             budget_bytes,
             attempted_bytes: 0,
         })
@@ -138,10 +93,14 @@ impl GpuDevice {
 
     /// Draws a picture, with less memory than allowed if the device has not so much.
     pub(super) fn render(&mut self, settings: &PictureSettings) -> Result<Picture, EngineError> {
-        let prepared = Prepared::new(&self.store, settings)?;
+        if let Some(live) = &mut self.live {
+            // Tables and atlas are about to change under it.
+            live.restart();
+        }
+        let plan = PicturePlan::new(&self.store, settings)?;
         let mut notes = Vec::new();
         loop {
-            match self.render_within(&prepared) {
+            match self.render_within(&plan) {
                 Err(error) => notes.push(self.with_less(error)?),
                 Ok(mut picture) => {
                     notes.append(&mut picture.notes);
@@ -169,54 +128,73 @@ impl GpuDevice {
         }
     }
 
-    fn render_within(&mut self, prepared: &Prepared) -> Result<Picture, EngineError> {
-        let tile = Renderer::tile_size(prepared.settings.size, self.budget_bytes / 4);
-        let visible = self.make_ready(prepared, tile)?;
-        let inputs = prepared.inputs(&self.store);
-        let volume = self
-            .volume
-            .as_mut()
-            .expect("invariant: the picture was made ready");
+    fn render_within(&mut self, plan: &PicturePlan) -> Result<Picture, EngineError> {
+        let before = self.traffic();
+        let ready = self.work_out(vec![plan.clone()])?;
+        let tile = self.tile(plan);
+        let ready = self.make_ready(ready)?;
+        let (plan, mesh) = &ready.pictures[0];
+        let inputs = plan.inputs(&self.store);
+        let Self {
+            gpu,
+            renderer,
+            volume: Some(volume),
+            ..
+        } = self
+        else {
+            unreachable!("invariant: the picture was made ready")
+        };
         volume.retry_failed();
-        let mesh = bounding_mesh(&self.store, volume, prepared, self.budget_bytes)?;
-        self.renderer.set_mesh(&self.gpu, &mesh)?;
-        self.renderer
-            .begin_picture(&self.gpu, &inputs, &volume.residency, tile, false)?;
-        let mut run = ExactRun::new(&self.gpu, prepared.settings.size, tile);
-        while !run.advance(&self.gpu, &mut self.renderer, volume, &inputs)? {}
-        let traffic = std::mem::take(&mut volume.traffic);
-        let mut stats = self.stats(&traffic)?;
-        stats.samples = run.counts.samples;
-        stats.samples_skipped = run.counts.skipped;
-        stats.bricks_visible = Some(visible);
-        stats.bricks_requested = Some(run.requested.len() as u64);
-        stats.bricks_touched = Some(run.touched.len() as u64);
+        renderer.set_mesh(gpu, mesh)?;
+        renderer.begin_picture(gpu, &inputs, &volume.residency, tile, false)?;
+        let mut run = ExactRun::new(gpu, plan.settings.size, tile, None);
+        while run.advance(gpu, renderer, volume, &inputs, Wait::Block)? != Progress::Complete {}
+        let mut stats = self.stats(before)?;
+        run.report(&mut stats);
+        stats.bricks_visible = Some(ready.bricks.visible);
         stats.mesh_triangles = Some(mesh.triangle_count() as u64);
-        stats.lod = prepared.rays.levels[0].lod.0;
+        stats.lod = plan.rays.levels[0].lod.0;
         Ok(Picture {
             image: run.image,
             stats,
+            touched: run.touched.into_iter().collect(),
             notes: Vec::new(),
         })
     }
 
-    /// Atlas and tables for a picture: makes them if there are none, or none large enough. Returns how many bricks may be
-    /// visible.
-    fn make_ready(&mut self, prepared: &Prepared, tile: [u32; 2]) -> Result<u64, EngineError> {
+    /// The tiles of a picture.
+    fn tile(&self, plan: &PicturePlan) -> [u32; 2] {
+        Renderer::tile_size(plan.settings.size, self.budget_bytes / 4)
+    }
+
+    /// What the pictures need, worked out here and now.
+    fn work_out(&self, plans: Vec<PicturePlan>) -> Result<ReadyPictures, EngineError> {
+        let nothing = (KnownRanges::new(), SeenLevels::new());
+        let known = match &self.volume {
+            Some(volume) => volume.known(),
+            None => (&nothing.0, &nothing.1),
+        };
+        ReadyPictures::new(&self.store, plans, known, mesh_bytes(self.budget_bytes))
+    }
+
+    /// Atlas and tables for pictures: makes them if there are none, or none large enough.
+    fn make_ready(&mut self, mut ready: ReadyPictures) -> Result<ReadyPictures, EngineError> {
         let voxel_bytes = self.store.meta().stored_type.size() as u64;
-        let (mut visible, mut wanted) = (0, 0);
-        for (&lod, level) in &prepared.levels {
-            for brick in scan(&self.store, lod, &level.visibility) {
-                visible += u64::from(brick.visible);
-                wanted += u64::from(brick.visible && !brick.constant);
-            }
-        }
+        let plan = ready.final_plan();
+        let tile = self.tile(plan);
         let coarsest = self.grids.last().map_or(0, BrickGrid::len);
-        let least = segment_bricks(&prepared.rays, |level| {
-            self.grids[usize::from(level.lod.0)].bricks.as_dvec3()
-        });
+        let least = ready
+            .pictures
+            .iter()
+            .map(|(plan, _)| {
+                segment_bricks(&plan.rays, |level| {
+                    self.grids[usize::from(level.lod.0)].bricks.as_dvec3()
+                })
+            })
+            .max()
+            .unwrap_or(1);
         // Room for the pinned level, and for what one ray needs at once.
-        let wanted = (wanted + coarsest).max(least as u64 + coarsest);
+        let wanted = (ready.bricks.visible_with_voxels + coarsest).max(least as u64 + coarsest);
         let plan = self.atlas_plan(wanted, tile, voxel_bytes)?;
         let keeps = self
             .volume
@@ -226,7 +204,7 @@ impl GpuDevice {
             // The old atlas goes before the new one comes: both together may not fit.
             self.volume = None;
             self.attempted_bytes =
-                self.other_bytes(tile) + plan.bytes(voxel_bytes) + plan.slot_count() * 72;
+                self.other_bytes(tile) + plan.bytes(voxel_bytes) + plan.slot_count() * SLOT_BYTES;
             self.volume = Some(PagedVolume::new(
                 &self.gpu,
                 &self.store,
@@ -234,6 +212,9 @@ impl GpuDevice {
                 plan,
                 burst_bytes(self.budget_bytes),
             )?);
+            // What was known was of the old one.
+            let plans = ready.pictures.into_iter().map(|(plan, _)| plan).collect();
+            ready = self.work_out(plans)?;
         }
         let Some(volume) = &mut self.volume else {
             unreachable!("invariant: it was just made")
@@ -245,8 +226,9 @@ impl GpuDevice {
                 budget: self.budget_bytes,
             });
         }
-        volume.classify(&self.gpu, &prepared.rays, &prepared.levels)?;
-        Ok(visible)
+        let rays = &ready.final_plan().rays;
+        volume.classify(&self.gpu, rays, &ready.levels, &ready.bricks)?;
+        Ok(ready)
     }
 
     /// The atlas for `wanted` bricks, or as many as the budget holds.
@@ -265,7 +247,7 @@ impl GpuDevice {
             .budget_bytes
             .checked_sub(others)
             .ok_or_else(too_little)?;
-        // A slot's tables take 72 bytes, less than a 512th of any brick.
+        // A slot's tables take less than a 512th of any brick.
         let rest = rest - rest / 512;
         let max_edge = self
             .gpu
@@ -274,8 +256,8 @@ impl GpuDevice {
             .max_texture_dimension_3d
             .min(self.options.max_atlas_edge)
             .min(Residency::MAX_AXIS_SLOTS * crate::geom::STORED_EDGE);
-        let shape = AtlasShape::for_slots(wanted, voxel_bytes, rest, max_edge)
-            .ok_or_else(too_little)?;
+        let shape =
+            AtlasShape::for_slots(wanted, voxel_bytes, rest, max_edge).ok_or_else(too_little)?;
         let most = (rest / shape.bytes(voxel_bytes)).min(u64::from(Residency::MAX_TEXTURES));
         // One texture is faster to read; more only where an axis is at its limit.
         let textures = wanted.div_ceil(shape.slot_count()).clamp(1, most.max(1));
@@ -294,9 +276,15 @@ impl GpuDevice {
             + Renderer::frame_bytes(self.grids.len())
     }
 
-    /// What is known after a picture, but of its rays.
-    fn stats(&mut self, traffic: &Traffic) -> Result<PictureStats, EngineError> {
+    /// What loading has cost so far.
+    fn traffic(&self) -> Traffic {
+        self.volume.as_ref().map_or_else(Traffic::default, |v| v.traffic)
+    }
+
+    /// What is known of a picture that was begun at `before`, but of its rays.
+    fn stats(&mut self, before: Traffic) -> Result<PictureStats, EngineError> {
         let passes_ms = self.renderer.take_passes_ms(&self.gpu)?;
+        let traffic = self.traffic().since(before);
         let volume = self.volume.as_ref();
         let on_device = volume.map(|v| v.residency.gpu_bytes() + v.staging_bytes());
         Ok(PictureStats {
@@ -319,22 +307,6 @@ impl GpuDevice {
             ..PictureStats::default()
         })
     }
-}
-
-/// The mesh of what may be visible, blocks where they are known.
-fn bounding_mesh(
-    store: &Store,
-    volume: &PagedVolume,
-    prepared: &Prepared,
-    budget_bytes: u64,
-) -> Result<Mesh, EngineError> {
-    if !prepared.skip {
-        return Ok(Mesh::default());
-    }
-    let blocks = active_blocks(store, &prepared.rays, &prepared.levels, |seen, brick| {
-        volume.occupancy(seen, brick)
-    })?;
-    Ok(mesh(&blocks, &prepared.rays, mesh_bytes(budget_bytes))?)
 }
 
 /// The share of the budget for staging.

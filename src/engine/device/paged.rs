@@ -2,14 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
+use std::time::Duration;
 
 use glam::DVec3;
 
-use crate::classify::{Occupancy, Visibility};
+use crate::classify::Visibility;
 use crate::geom::{BLOCKS_PER_BRICK, BrickGrid, BrickId, Lod, STORED_VOXELS};
 use crate::gpu::{GpuContext, Staging};
 use crate::pager::{
-    BrickState, Completion, FrameRequests, Loaded, Loader, Pager, PagerBudget, Priority, Request,
+    Completion, FrameRequests, Loaded, Loader, Pager, PagerBudget, Priority, Request,
     RequestClass, SlotId, SlotPool, StepLimits, Upload, scan,
 };
 use crate::render::{Activity, AtlasPlan, MissedBrick, Residency};
@@ -17,6 +18,7 @@ use crate::scene::RayFrame;
 use crate::store::{BrickData, Store, StoreError};
 
 use super::super::{EngineError, EngineOptions};
+use super::classification::{ClassifiedBricks, KnownRanges, SeenLevels};
 
 /// Decoded bricks on their way at once, per thread.
 const LOADS_PER_THREAD: usize = 4;
@@ -34,28 +36,20 @@ pub(super) struct Traffic {
     pub(super) bytes_uploaded: u64,
 }
 
-/// What can be seen of a level: the test, and the iso-value that tells the two sides of what can't.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct LevelVisibility {
-    pub(super) visibility: Visibility,
-    pub(super) iso: Option<f32>,
-}
-
-impl LevelVisibility {
-    /// What the index alone tells of a brick with values in `range`.
-    fn of_range(&self, range: [f32; 2]) -> Activity {
-        if self.visibility.is_visible(range[0], range[1]) {
-            Activity::Unknown
-        } else {
-            Activity::Empty {
-                above: self.iso.is_some_and(|iso| range[0] > iso),
-            }
+impl Traffic {
+    /// What was added since `before`; all of it when the count began anew.
+    pub(super) fn since(self, before: Self) -> Self {
+        let minus = |now: u64, before: u64| now.checked_sub(before).unwrap_or(now);
+        Self {
+            bricks_read: minus(self.bricks_read, before.bricks_read),
+            bricks_uploaded: minus(self.bricks_uploaded, before.bricks_uploaded),
+            bricks_evicted: minus(self.bricks_evicted, before.bricks_evicted),
+            bytes_read: minus(self.bytes_read, before.bytes_read),
+            bytes_decompressed: minus(self.bytes_decompressed, before.bytes_decompressed),
+            bytes_uploaded: minus(self.bytes_uploaded, before.bytes_uploaded),
         }
     }
 }
-
-/// Ranges of a brick's blocks.
-type BlockRanges = Arc<[[f32; 2]; BLOCKS_PER_BRICK]>;
 
 /// Store, pager, host memory and atlas of one volume.
 #[derive(Debug)]
@@ -69,10 +63,10 @@ pub(super) struct PagedVolume {
     /// Decoded bricks: exactly those of which the pager says so.
     ram: HashMap<BrickId, Arc<BrickData>>,
     /// Block ranges of the bricks in slots: a new classification needs them, not the voxels.
-    ranges: HashMap<BrickId, BlockRanges>,
+    ranges: KnownRanges,
     in_slot: Vec<Option<BrickId>>,
     /// By level, of those that are sampled.
-    seen: BTreeMap<Lod, LevelVisibility>,
+    seen: SeenLevels,
     constants_entered: BTreeSet<Lod>,
     pinned: usize,
     completions: Vec<Completion>,
@@ -143,9 +137,9 @@ impl PagedVolume {
             }
             .map_err(EngineError::Loader)?,
             ram: HashMap::new(),
-            ranges: HashMap::new(),
+            ranges: KnownRanges::new(),
             in_slot: vec![None; plan.slot_count() as usize],
-            seen: BTreeMap::new(),
+            seen: SeenLevels::new(),
             constants_entered: BTreeSet::new(),
             pinned,
             completions: Vec::new(),
@@ -170,8 +164,14 @@ impl PagedVolume {
         self.staging.bytes()
     }
 
-    /// Makes the tables right for these levels and what can be seen of them: one scan of the index of each level that
-    /// changed, and of the blocks of its resident bricks. No voxel is uploaded.
+    /// What is known of resident bricks, and under which classification the tables are: what
+    /// [`ClassifiedBricks::new`] needs.
+    pub(super) fn known(&self) -> (&KnownRanges, &SeenLevels) {
+        (&self.ranges, &self.seen)
+    }
+
+    /// Makes the tables right for `levels`. `classified` was worked out from [`Self::known`] of some time ago: bricks that
+    /// came since are looked at now. No voxel is uploaded.
     ///
     /// # Errors
     /// The index is damaged, or the device is lost.
@@ -179,58 +179,47 @@ impl PagedVolume {
         &mut self,
         gpu: &GpuContext,
         rays: &RayFrame,
-        levels: &BTreeMap<Lod, LevelVisibility>,
+        levels: &SeenLevels,
+        classified: &ClassifiedBricks,
     ) -> Result<(), EngineError> {
         for level in &rays.levels {
             self.enter_constants(gpu, level.lod)?;
         }
-        let left: Vec<Lod> = self
-            .seen
-            .keys()
-            .copied()
-            .filter(|lod| !levels.contains_key(lod))
-            .collect();
-        for lod in left {
-            self.seen.remove(&lod);
-            // Only stands in for finer levels: nothing of it is known to be empty.
-            for brick in self.store.bricks(lod) {
-                self.residency
-                    .set_activity(gpu, brick, Activity::Unknown, None);
+        for (lod, _) in std::mem::replace(&mut self.seen, levels.clone()) {
+            if !levels.contains_key(&lod) {
+                // Only stands in for finer levels: nothing of it is known to be empty.
+                let bricks = self.grids[usize::from(lod.0)].len() as usize;
+                let unknown = Activity::pack(&vec![Activity::Unknown; bricks]);
+                self.residency.set_level_activity(lod, &unknown);
             }
         }
-        let store = Arc::clone(&self.store);
-        for (&lod, seen) in levels {
-            if self.seen.get(&lod) == Some(seen) {
+        for (&lod, packed) in &classified.levels {
+            self.residency.set_level_activity(lod, packed);
+        }
+        let mut resident: Vec<(BrickId, SlotId)> = self
+            .pager
+            .resident()
+            .filter(|(b, _)| classified.levels.contains_key(&b.lod))
+            .collect();
+        resident.sort_unstable_by_key(|(b, _)| *b);
+        for (brick, slot) in resident {
+            let Some(seen) = self.seen.get(&brick.lod) else {
                 continue;
-            }
-            self.seen.insert(lod, seen.clone());
-            for brick in scan(&store, lod, &seen.visibility) {
-                let slot = self.pager.slot(brick.id);
-                let activity = self.activity(seen, brick.id, brick.range);
-                self.residency.set_activity(gpu, brick.id, activity, slot);
-            }
+            };
+            let entry = self.store.entry(brick);
+            let activity = match seen.of_range([entry.min, entry.max]) {
+                Activity::Unknown => match classified.resident.get(&brick) {
+                    Some(&occupancy) => Activity::Blocks(occupancy),
+                    None => seen.of_brick([entry.min, entry.max], self.ranges.get(&brick)),
+                },
+                empty => empty,
+            };
+            self.residency
+                .set_activity(gpu, brick, activity, Some(slot));
         }
         self.residency.write_activity(gpu);
         self.staging.submit(gpu)?;
         Ok(())
-    }
-
-    /// What is known of a brick: by its blocks where it is resident, else by the index.
-    fn activity(&self, seen: &LevelVisibility, brick: BrickId, range: [f32; 2]) -> Activity {
-        match (seen.of_range(range), self.ranges.get(&brick)) {
-            (Activity::Unknown, Some(ranges)) => {
-                Activity::Blocks(Occupancy::from_ranges(ranges, &seen.visibility))
-            }
-            (activity, _) => activity,
-        }
-    }
-
-    /// The blocks of a brick that may be visible: all of them where nobody knows. For the bounding mesh.
-    pub(super) fn occupancy(&self, seen: &LevelVisibility, brick: BrickId) -> Occupancy {
-        match self.ranges.get(&brick) {
-            Some(ranges) => Occupancy::from_ranges(ranges, &seen.visibility),
-            None => Occupancy::FULL,
-        }
     }
 
     fn enter_constants(&mut self, gpu: &GpuContext, lod: Lod) -> Result<(), EngineError> {
@@ -297,16 +286,17 @@ impl PagedVolume {
     /// Declares what the next dispatch needs.
     pub(super) fn begin_frame(&mut self, frame: &FrameRequests<'_>) {
         self.pager.begin_frame(frame);
+        let unwanted: Vec<BrickId> = self.pager.unwanted_orders().collect();
+        for brick in unwanted {
+            if self.loader.cancel(brick) {
+                self.completions.push(Completion::Cancelled(brick));
+            }
+        }
     }
 
-    /// Every request is resident or failed.
-    pub(super) fn is_satisfied(&self) -> bool {
-        self.pager.is_satisfied()
-    }
-
-    /// Nothing more will happen until something finishes or is asked for.
-    pub(super) fn is_idle(&self) -> bool {
-        self.pager.is_idle()
+    /// Everything that will get a slot in this frame has one: a dispatch may run.
+    pub(super) fn is_placed(&self) -> bool {
+        self.pager.is_placed()
     }
 
     /// Loads and places what was asked for until nothing more of it can be had.
@@ -316,7 +306,7 @@ impl PagedVolume {
     pub(super) fn settle(&mut self, gpu: &GpuContext) -> Result<(), EngineError> {
         loop {
             self.step(gpu, u64::MAX)?;
-            if self.pager.is_idle() {
+            if self.pager.is_placed() {
                 break;
             }
             if self.completions.is_empty() {
@@ -342,6 +332,13 @@ impl PagedVolume {
         self.write(gpu)?;
         self.staging.submit(gpu)?;
         Ok(())
+    }
+
+    /// Waits at most so long for a brick to come from disk.
+    pub(super) fn wait_for_one(&mut self, time: Duration) {
+        if let Some(loaded) = self.loader.receive_timeout(time) {
+            self.receive(loaded);
+        }
     }
 
     fn receive_ready(&mut self) {
@@ -407,7 +404,7 @@ impl PagedVolume {
         let Some((_, data)) = self.uploads.last() else {
             return;
         };
-        let ranges: BlockRanges = Arc::new(
+        let ranges = Arc::new(
             data.block_ranges
                 .as_slice()
                 .try_into()
@@ -416,7 +413,7 @@ impl PagedVolume {
         self.ranges.insert(brick, ranges);
         if let Some(seen) = self.seen.get(&brick.lod) {
             let entry = self.store.entry(brick);
-            let activity = self.activity(seen, brick, [entry.min, entry.max]);
+            let activity = seen.of_brick([entry.min, entry.max], self.ranges.get(&brick));
             self.residency
                 .set_activity(gpu, brick, activity, Some(slot));
         }
@@ -446,19 +443,20 @@ impl PagedVolume {
         Ok(())
     }
 
-    /// Is a brick of this state any use to a dispatch?
-    pub(super) fn is_resident(&self, brick: BrickId) -> bool {
-        matches!(self.pager.state(brick), BrickState::Resident(_))
-    }
-
     /// Free slots: placing into them evicts nobody.
     pub(super) fn unused_slots(&self) -> usize {
         self.pager.capacity() - self.pager.resident().count()
     }
 
-    /// What could not be read, and why.
-    pub(super) fn failures(&mut self) -> &mut BTreeMap<BrickId, StoreError> {
-        &mut self.failures
+    /// Why the first of `bricks` that could not be read could not.
+    pub(super) fn take_failure(&mut self, bricks: &BTreeSet<BrickId>) -> Option<StoreError> {
+        let failed = *self.failures.keys().find(|b| bricks.contains(b))?;
+        self.failures.remove(&failed)
+    }
+
+    /// Bricks that could not be read.
+    pub(super) fn failed_count(&self) -> u64 {
+        self.pager.failed().count() as u64
     }
 
     /// Asks for failed bricks again when they are needed.

@@ -1,0 +1,139 @@
+//! A picture's settings made ready: sample grid, tables, what can be seen of the bricks, bounding mesh. Pure, so that a
+//! thread beside the renderer can do it.
+
+use crate::classify::Visibility;
+use crate::proxy::Mesh;
+use crate::render::FrameInputs;
+use crate::scene::{Classified, LodChoice, Mode, PictureSettings, RayFrame, Technique};
+use crate::store::Store;
+
+use super::super::{EngineError, prepare};
+use super::bounds::{active_blocks, mesh};
+use super::classification::{ClassifiedBricks, KnownRanges, LevelVisibility, SeenLevels};
+
+/// A picture is whole for the first time when no voxel is wider than so many pixels, unless level 0 has none finer.
+const FIRST_WHOLE_PIXELS: f64 = 4.0;
+
+/// What a picture is drawn from, but for the volume.
+#[derive(Clone, Debug)]
+pub(super) struct PicturePlan {
+    pub(super) settings: PictureSettings,
+    pub(super) rays: RayFrame,
+    pub(super) classified: Classified,
+    pub(super) levels: SeenLevels,
+    /// Mesh interval, brick and block skipping?
+    pub(super) skip: bool,
+}
+
+impl PicturePlan {
+    pub(super) fn new(store: &Store, settings: &PictureSettings) -> Result<Self, EngineError> {
+        let (rays, classified) = prepare(store, settings)?;
+        let skip = settings.technique == Technique::Default;
+        let iso = (settings.mode == Mode::Iso).then_some(classified.iso_stored);
+        let levels = rays
+            .used()
+            .iter()
+            .zip(&classified.levels)
+            .map(|(level, table)| {
+                let visibility = if skip {
+                    table.visibility.clone()
+                } else {
+                    Visibility::All
+                };
+                (level.lod, LevelVisibility { visibility, iso })
+            })
+            .collect();
+        for level in &rays.levels {
+            store.check_level(level.lod)?;
+        }
+        Ok(Self {
+            settings: settings.clone(),
+            rays,
+            classified,
+            levels,
+            skip,
+        })
+    }
+
+    /// The same picture from coarser levels, soon there; `None` where it would be from the same ones.
+    pub(super) fn first_whole(&self, store: &Store) -> Result<Option<Self>, EngineError> {
+        if self.settings.lod != LodChoice::Auto || self.settings.lod_error >= FIRST_WHOLE_PIXELS {
+            return Ok(None);
+        }
+        let settings = PictureSettings {
+            lod_error: FIRST_WHOLE_PIXELS,
+            ..self.settings.clone()
+        };
+        let coarse = Self::new(store, &settings)?;
+        Ok((coarse.rays.used() != self.rays.used()).then_some(coarse))
+    }
+
+    pub(super) fn inputs(&self, store: &Store) -> FrameInputs<'_> {
+        FrameInputs {
+            rays: &self.rays,
+            classified: &self.classified,
+            settings: &self.settings,
+            value_floor: store.meta().value_min as f32,
+            skip: self.skip,
+        }
+    }
+
+    /// The mesh of what may be visible, of blocks where they are known.
+    fn mesh(
+        &self,
+        store: &Store,
+        known: &KnownRanges,
+        budget_bytes: u64,
+    ) -> Result<Mesh, EngineError> {
+        if !self.skip {
+            return Ok(Mesh::default());
+        }
+        let blocks = active_blocks(store, &self.rays, &self.levels, known)?;
+        Ok(mesh(&blocks, &self.rays, budget_bytes)?)
+    }
+}
+
+/// One or more pictures of one classification, ready to be drawn.
+#[derive(Debug)]
+pub(super) struct ReadyPictures {
+    /// In the order in which they are drawn, each with its mesh.
+    pub(super) pictures: Vec<(PicturePlan, Mesh)>,
+    /// The levels of all of them.
+    pub(super) levels: SeenLevels,
+    pub(super) bricks: ClassifiedBricks,
+}
+
+impl ReadyPictures {
+    /// Works out what drawing `plans` needs of a volume of which `known` is known and whose tables are right for `seen`.
+    pub(super) fn new(
+        store: &Store,
+        plans: Vec<PicturePlan>,
+        (known, seen): (&KnownRanges, &SeenLevels),
+        mesh_bytes: u64,
+    ) -> Result<Self, EngineError> {
+        let levels: SeenLevels = plans
+            .iter()
+            .flat_map(|p| p.levels.iter().map(|(&lod, seen)| (lod, seen.clone())))
+            .collect();
+        let bricks = ClassifiedBricks::new(store, &levels, seen, known);
+        let mut pictures = Vec::with_capacity(plans.len());
+        for plan in plans {
+            let mesh = plan.mesh(store, known, mesh_bytes)?;
+            pictures.push((plan, mesh));
+        }
+        Ok(Self {
+            pictures,
+            levels,
+            bricks,
+        })
+    }
+
+    /// The picture that counts: the last.
+    pub(super) fn final_plan(&self) -> &PicturePlan {
+        let (plan, _) = self
+            .pictures
+            .last()
+            .expect("invariant: there is a picture to draw");
+        plan
+    }
+}
