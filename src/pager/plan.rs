@@ -22,15 +22,32 @@ pub struct PageTablePatch {
     pub slot: Option<SlotId>,
 }
 
-/// The work of one step, in order.
+/// Bounds of one step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepLimits {
+    /// Host bytes of the bricks that the step uploads ([`super::PagerBudget::brick_bytes`] each). One brick may always
+    /// be uploaded: less would never come to an end.
+    pub upload_bytes: u64,
+}
+
+impl StepLimits {
+    /// No bounds.
+    pub const NONE: Self = Self {
+        upload_bytes: u64::MAX,
+    };
+}
+
+/// The work of one step. Do it in the order of the fields, but load after release: that keeps the budget of host memory.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
-    /// Bricks to hand to the loader.
+    /// Bricks to order from the loader, the most wanted first.
     pub load: Vec<BrickId>,
-    /// Bricks to copy into slots.
+    /// Bricks to copy into slots; their voxels are in host memory.
     pub upload: Vec<Upload>,
     /// Changes of the page table, evictions before what replaces them.
     pub patches: Vec<PageTablePatch>,
+    /// Copies in host memory to drop after the uploads of this plan.
+    pub release: Vec<BrickId>,
     /// Bricks that lost their slot.
     pub evicted: u64,
 }

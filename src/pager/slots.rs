@@ -1,8 +1,10 @@
 //! The slots of the atlas: how many fit, and who is in which.
 
-use glam::UVec3;
-use lru::LruCache;
+use std::collections::BTreeMap;
 
+use glam::UVec3;
+
+use super::policy::{EvictionOrder, Tier};
 use crate::geom::{BrickId, STORED_EDGE};
 
 /// A slot by its linear number in the atlas, x fastest.
@@ -80,58 +82,77 @@ impl AtlasShape {
     }
 }
 
-/// Who is in which slot, by recency.
+/// Who is in which slot, and who leaves next (see `policy`).
 #[derive(Debug)]
 pub struct SlotPool {
-    by_recency: LruCache<BrickId, SlotId>,
+    capacity: usize,
     free: Vec<SlotId>,
+    resident: BTreeMap<BrickId, SlotId>,
+    pub(super) order: EvictionOrder,
+}
+
+/// A slot that was given out.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placed {
+    pub(super) slot: SlotId,
+    /// Who had to leave, and how much it was needed.
+    pub(super) evicted: Option<(BrickId, Tier)>,
 }
 
 impl SlotPool {
     /// `count` free slots; the lowest is given first.
     pub fn new(count: u32) -> Self {
-        Self {
-            by_recency: LruCache::unbounded(),
-            free: (0..count).rev().map(SlotId).collect(),
-        }
+        Self::with_order((0..count).map(SlotId).collect())
     }
 
     /// All slots, in the order in which they are given out: for tests of the atlas' indifference to it.
     pub fn with_order(order: Vec<SlotId>) -> Self {
         Self {
-            by_recency: LruCache::unbounded(),
+            capacity: order.len(),
+            order: EvictionOrder::new(order.len()),
             free: order.into_iter().rev().collect(),
+            resident: BTreeMap::new(),
         }
     }
 
     /// Slots, free or not.
     pub fn capacity(&self) -> usize {
-        self.free.len() + self.by_recency.len()
+        self.capacity
     }
 
-    /// Marks `brick` as used now.
-    pub fn touch(&mut self, brick: BrickId) {
-        self.by_recency.promote(&brick);
+    /// The bricks with a slot, in the order of their ids.
+    pub fn resident(&self) -> impl Iterator<Item = (BrickId, SlotId)> + '_ {
+        self.resident.iter().map(|(&brick, &slot)| (brick, slot))
     }
 
-    /// A slot for `brick`: a free one, else that of the least recently used brick, unless `keep` says that it must stay.
-    /// Returns the slot and who had to leave.
-    pub fn place(
-        &mut self,
-        brick: BrickId,
-        keep: impl Fn(BrickId) -> bool,
-    ) -> Option<(SlotId, Option<BrickId>)> {
-        if let Some(slot) = self.free.pop() {
-            self.by_recency.push(brick, slot);
-            return Some((slot, None));
-        }
-        let (&oldest, _) = self.by_recency.peek_lru()?;
-        if keep(oldest) {
-            return None;
-        }
-        let (_, slot) = self.by_recency.pop_lru()?;
-        self.by_recency.push(brick, slot);
-        Some((slot, Some(oldest)))
+    /// Slots that are free or can be made so by evicting bricks of tier `most` at most.
+    pub(super) fn available(&self, most: Tier) -> usize {
+        self.free.len() + self.order.evictable(most)
+    }
+
+    /// A slot for `brick`, protected until the next pass: a free one, else that of the brick that leaves first, if its
+    /// tier is `most` at most.
+    pub(super) fn place(&mut self, brick: BrickId, most: Tier) -> Option<Placed> {
+        let placed = match self.free.pop() {
+            Some(slot) => Placed {
+                slot,
+                evicted: None,
+            },
+            None => {
+                let (old, tier) = self.order.evict(most)?;
+                let slot = self
+                    .resident
+                    .remove(&old)
+                    .expect("invariant: what can leave has a slot");
+                Placed {
+                    slot,
+                    evicted: Some((old, tier)),
+                }
+            }
+        };
+        self.resident.insert(brick, placed.slot);
+        self.order.insert(brick);
+        Some(placed)
     }
 }
 

@@ -6,15 +6,16 @@ use super::SlotId;
 
 /// Where a brick is. Exactly one at a time (design.md §1).
 ///
-/// | from \ event | Request | Start | Decoded | Failed | Place | Drop |
-/// |---|---|---|---|---|---|---|
-/// | Absent   | Queued | – | – | – | – | – |
-/// | Queued   | – | Decoding | InRam (cached) | – | – | Absent |
-/// | Decoding | – | – | InRam | Failed | – | – |
-/// | InRam    | – | – | – | – | Resident | Absent |
-/// | Resident | – | – | – | – | – | Absent |
-/// | Failed   | Queued | – | – | – | – | – |
+/// | from \ event | Request | Start | Decoded | Failed | Place | Evict | Drop | Retry |
+/// |---|---|---|---|---|---|---|---|---|
+/// | Absent   | Queued | – | – | – | – | – | – | – |
+/// | Queued   | – | Decoding | – | – | – | – | Absent | – |
+/// | Decoding | – | – | InRam | Failed | – | – | Absent | – |
+/// | InRam    | – | – | – | – | Resident | – | Absent | – |
+/// | Resident | – | – | – | – | – | InRam | Absent | – |
+/// | Failed   | – | – | – | – | – | – | – | Absent |
 ///
+/// A resident brick may have a copy in host memory besides: evicted, it is InRam with one and Absent without.
 /// `Constant` bricks have no voxels and never move; `Empty` is not a state but the absence of a request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BrickState {
@@ -23,15 +24,15 @@ pub enum BrickState {
     Absent,
     /// Asked for.
     Queued,
-    /// On a worker thread.
+    /// Ordered from the loader.
     Decoding,
-    /// Decoded, in host memory, waiting for a slot.
+    /// Decoded, in host memory, without a slot.
     InRam,
     /// In the atlas.
     Resident(SlotId),
     /// One value: lives in the page table alone.
     Constant,
-    /// Could not be read; asked for again, it is tried again.
+    /// Could not be read; not tried again until it is said to.
     Failed,
 }
 
@@ -40,16 +41,20 @@ pub enum BrickState {
 pub enum Event {
     /// A picture wants it.
     Request,
-    /// A worker thread takes it.
+    /// The loader gets the order.
     Start,
-    /// Its voxels are there (from a worker, or from the cache without one).
+    /// Its voxels are in host memory.
     Decoded,
     /// It can't be read.
     Failed,
     /// It gets a slot.
     Place(SlotId),
-    /// It is no longer wanted, or its slot is given to another.
+    /// Its slot is given to another; its copy in host memory stays.
+    Evict,
+    /// It is forgotten: a request or an order that is cancelled, or the last copy of its voxels given up.
     Drop,
+    /// What could not be read may be tried again.
+    Retry,
 }
 
 /// A move that the table doesn't have: a bug.
@@ -68,12 +73,13 @@ pub struct IllegalMove {
 pub fn transition(from: BrickState, event: Event) -> Result<BrickState, IllegalMove> {
     use BrickState as S;
     match (from, event) {
-        (S::Absent | S::Failed, Event::Request) => Ok(S::Queued),
+        (S::Absent, Event::Request) => Ok(S::Queued),
         (S::Queued, Event::Start) => Ok(S::Decoding),
-        (S::Queued | S::Decoding, Event::Decoded) => Ok(S::InRam),
+        (S::Decoding, Event::Decoded) | (S::Resident(_), Event::Evict) => Ok(S::InRam),
         (S::Decoding, Event::Failed) => Ok(S::Failed),
         (S::InRam, Event::Place(slot)) => Ok(S::Resident(slot)),
-        (S::Queued | S::InRam | S::Resident(_), Event::Drop) => Ok(S::Absent),
+        (S::Queued | S::Decoding | S::InRam | S::Resident(_), Event::Drop)
+        | (S::Failed, Event::Retry) => Ok(S::Absent),
         _ => Err(IllegalMove { from, event }),
     }
 }
@@ -101,7 +107,9 @@ mod tests {
             Event::Decoded,
             Event::Failed,
             Event::Place(slot),
+            Event::Evict,
             Event::Drop,
+            Event::Retry,
         ];
         let legal: Vec<(S, Event, S)> = states
             .into_iter()
@@ -113,14 +121,15 @@ mod tests {
             [
                 (S::Absent, Event::Request, S::Queued),
                 (S::Queued, Event::Start, S::Decoding),
-                (S::Queued, Event::Decoded, S::InRam),
                 (S::Queued, Event::Drop, S::Absent),
                 (S::Decoding, Event::Decoded, S::InRam),
                 (S::Decoding, Event::Failed, S::Failed),
+                (S::Decoding, Event::Drop, S::Absent),
                 (S::InRam, Event::Place(slot), S::Resident(slot)),
                 (S::InRam, Event::Drop, S::Absent),
+                (S::Resident(slot), Event::Evict, S::InRam),
                 (S::Resident(slot), Event::Drop, S::Absent),
-                (S::Failed, Event::Request, S::Queued),
+                (S::Failed, Event::Retry, S::Absent),
             ],
             "the state table of the docs"
         );
