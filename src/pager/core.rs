@@ -292,8 +292,7 @@ impl Pager {
             .map(|(&brick, _)| brick)
     }
 
-    /// True when nothing is in flight and a step without completions would do nothing, but for the bound of its
-    /// uploads. So nothing more happens until the next frame.
+    /// True when nothing is in flight and a step would do nothing: so it stays until the next frame.
     pub fn is_idle(&self) -> bool {
         self.decoding == 0 && self.ready.is_empty() && !self.can_load()
     }

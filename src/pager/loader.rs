@@ -149,7 +149,7 @@ impl Loader {
         place.is_some()
     }
 
-    /// The next finished brick; blocks. `None` when nothing is in flight.
+    /// The next finished brick; blocks. `None` when nothing is in flight, or no thread is left (all panicked).
     pub fn receive(&mut self) -> Option<Loaded> {
         if self.in_flight == 0 {
             return None;

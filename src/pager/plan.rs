@@ -37,17 +37,17 @@ impl StepLimits {
     };
 }
 
-/// The work of one step. Do it in the order of the fields, but load after release: that keeps the budget of host memory.
+/// The work of one step, to be done in the order of the fields.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
-    /// Bricks to order from the loader, the most wanted first.
-    pub load: Vec<BrickId>,
     /// Bricks to copy into slots; their voxels are in host memory.
     pub upload: Vec<Upload>,
     /// Changes of the page table, evictions before what replaces them.
     pub patches: Vec<PageTablePatch>,
-    /// Copies in host memory to drop after the uploads of this plan.
+    /// Copies in host memory to drop, those of bricks uploaded by this plan among them.
     pub release: Vec<BrickId>,
+    /// Bricks to order from the loader, the most wanted first. Their memory is what was released.
+    pub load: Vec<BrickId>,
     /// Bricks that lost their slot.
     pub evicted: u64,
 }

@@ -243,25 +243,29 @@ impl Store {
         Ok(())
     }
 
-    /// Tells the system that the bricks' records will be read soon. Best effort: no answer, no error.
+    /// Tells the system that the records of these bricks will be read soon; records that lie side by side in one hint.
+    /// Best effort: no answer, no error.
     pub fn advise_will_need(&self, ids: &[BrickId]) {
-        for &id in ids {
-            self.advise_one(id);
-        }
-    }
-
-    fn advise_one(&self, id: BrickId) {
         #[cfg(unix)]
-        if let Some(record) = self.entry(id).record {
-            // A refused hint costs only time.
-            let _ = self.map.advise_range(
-                memmap2::Advice::WillNeed,
-                record.offset as usize,
-                record.len as usize,
-            );
+        {
+            let mut records: Vec<(u64, u64)> = ids
+                .iter()
+                .filter_map(|&id| self.entry(id).record)
+                .map(|r| (r.offset, r.offset + u64::from(r.len)))
+                .collect();
+            records.sort_unstable();
+            for run in records.chunk_by(|a, b| a.1 == b.0) {
+                let (start, end) = (run[0].0, run[run.len() - 1].1);
+                // A refused hint costs only time.
+                let _ = self.map.advise_range(
+                    memmap2::Advice::WillNeed,
+                    start as usize,
+                    (end - start) as usize,
+                );
+            }
         }
         #[cfg(not(unix))]
-        let _ = id;
+        let _ = ids;
     }
 
     /// Decodes the record of a brick into `reader`; `false` when it is Constant and there is none.
