@@ -53,8 +53,9 @@ impl Engine {
     /// As [`Self::open`], for a store that is already open.
     ///
     /// # Errors
-    /// The named adapter is not there.
+    /// An index of the store is damaged, or the named adapter is not there.
     pub fn with_store(store: Arc<Store>, options: EngineOptions) -> Result<Self, EngineError> {
+        store.check_all_levels()?;
         let (device, fallback) = open_device(&store, &options)?;
         Ok(Self {
             store,

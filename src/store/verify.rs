@@ -1,7 +1,8 @@
 //! Checks of a store by itself: what lies between the sections, whether records overlap, and each brick's voxels against
 //! its record, its entry and its block ranges.
 //!
-//! Opening has already checked header, metadata and index. Borders and levels are checked in `bricking::verify`, which
+//! Opening has already checked header and metadata; every level's index must have been checked and be sound
+//! ([`Store::check_all_levels`]). Borders and levels are checked in `bricking::verify`, which
 //! knows how they are made; so is the work divided among threads.
 
 use super::codec::{self, BlockRanges, RANGES_LEN};
