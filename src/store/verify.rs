@@ -116,14 +116,14 @@ impl<T: Voxel> BrickChecker<T> {
         if let Some(v) = voxels.iter().find(|v| !v.to_f32().is_finite()) {
             return bad("finite voxels".into(), v.to_string());
         }
-        self.ranges.measure(voxels);
-        let (low, high) = self.ranges.whole();
-        if codec::is_constant(low, high, voxels) {
+        if codec::is_constant(voxels) {
             return bad(
                 "an entry marked Constant, since all voxels are equal".into(),
                 "a record".into(),
             );
         }
+        self.ranges.measure(voxels);
+        let (low, high) = self.ranges.whole();
         if (low.to_f32(), high.to_f32()) != (entry.min, entry.max) {
             return bad(
                 format!(
