@@ -129,13 +129,7 @@ impl<T: Voxel> Slab<T> {
     /// Goes on to the next layer of bricks: keeps the slices that it needs (the last one or two).
     pub fn roll(&mut self) {
         self.layer += 1;
-        let keep_from = u64::from(self.layer) * u64::from(BRICK_EDGE) - 1;
-        if keep_from >= self.next_z() {
-            // That was the last layer.
-            self.first = self.next_z();
-            self.held = 0;
-            return;
-        }
+        let keep_from = first_held(self.dims.z, self.layer, self.next_z());
         let drop = (keep_from - self.first) as usize;
         self.voxels
             .copy_within(drop * self.slice_len..self.held * self.slice_len, 0);
