@@ -12,8 +12,8 @@ mod memory_source;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::time::Duration;
+use std::sync::{Mutex, OnceLock};
+use std::time::{Duration, Instant};
 
 use brickscope::bricking::{self, BrickError, BrickOptions, BrickingReport, NoProgress, Progress};
 use brickscope::geom::{BrickGrid, VoxelBox};
@@ -43,13 +43,15 @@ fn resuming() -> BrickOptions {
     }
 }
 
-/// A source that, asked for a chunk, first waits until nothing is written any more (the pass has done the chunks before,
-/// and the journal is on disk), and then copies what is there.
+/// A source that, asked for a chunk, first waits until the pass has done the chunks before (there is a new checkpoint, and
+/// nothing is written any more), and then copies what is there.
 struct Killed<'a> {
     inner: MemorySource,
     partial: PathBuf,
     images: &'a Path,
     count: usize,
+    /// The checkpoint that the last copy holds.
+    checkpoint: u64,
 }
 
 impl VoxelSource for Killed<'_> {
@@ -63,9 +65,16 @@ impl VoxelSource for Killed<'_> {
 
     fn read_box(&mut self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         if voxels.min.z > 0 {
+            // The first chunk finishes no layer, and so brings no checkpoint; others may not either.
+            let limit =
+                Instant::now() + Duration::from_millis(if self.count == 0 { 0 } else { 1500 });
+            while newest_checkpoint(&self.partial) == self.checkpoint && Instant::now() < limit {
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            self.checkpoint = newest_checkpoint(&self.partial);
             let mut before = Vec::new();
             loop {
-                std::thread::sleep(Duration::from_millis(60));
+                std::thread::sleep(Duration::from_millis(40));
                 let now = states(&self.partial);
                 if now == before {
                     break;
@@ -77,6 +86,30 @@ impl VoxelSource for Killed<'_> {
         }
         self.inner.read_box(voxels, out)
     }
+}
+
+/// The journal files with a checkpoint in them and its number, newest first.
+fn numbered_journals(folder: &Path) -> Vec<(u64, PathBuf)> {
+    let mut found: Vec<(u64, PathBuf)> = ["journal-0", "journal-1"]
+        .map(|name| folder.join(name))
+        .into_iter()
+        .filter_map(|path| {
+            let bytes = fs::read(&path).unwrap();
+            let number = u64::from_le_bytes(bytes.get(24..32)?.try_into().unwrap());
+            Some((number, path))
+        })
+        .collect();
+    found.sort_by(|a, b| b.cmp(a));
+    found
+}
+
+fn journals(folder: &Path) -> Vec<PathBuf> {
+    let found = numbered_journals(folder);
+    found.into_iter().map(|(_, path)| path).collect()
+}
+
+fn newest_checkpoint(folder: &Path) -> u64 {
+    numbered_journals(folder).first().map_or(0, |(n, _)| *n)
 }
 
 /// Length of every file, and when it was changed.
@@ -121,6 +154,7 @@ impl Case {
             partial: PartialFolder::path_for(&out),
             images: dir.path(),
             count: 0,
+            checkpoint: 0,
         };
         bricking::brick(&mut killed, &out, &options(), &NoProgress).unwrap();
         let images = killed.count;
@@ -196,8 +230,11 @@ impl Case {
 }
 
 fn u16_volume() -> MemorySource {
+    // Made once: it costs more than bricking it.
+    static VOXELS: OnceLock<Vec<u8>> = OnceLock::new();
     let n = DIMS.iter().product::<u64>() as usize;
-    MemorySource::new(DIMS, VoxelType::U16, voxels(VoxelType::U16, n, 1, 0.8))
+    let bytes = VOXELS.get_or_init(|| voxels(VoxelType::U16, n, 1, 0.8));
+    MemorySource::new(DIMS, VoxelType::U16, bytes.clone())
 }
 
 #[test]
@@ -283,6 +320,7 @@ fn killed_again_and_again() {
             partial: PartialFolder::path_for(&out),
             images: images.path(),
             count: 0,
+            checkpoint: 0,
         };
         let report = bricking::brick(&mut killed, &out, &resuming(), &NoProgress).unwrap();
         assert!(
@@ -324,6 +362,7 @@ proptest! {
             partial: PartialFolder::path_for(&out),
             images: dir.path(),
             count: 0,
+            checkpoint: 0,
         };
         bricking::brick(&mut killed, &out, &options(), &NoProgress).unwrap();
         let whole = fs::read(&out).unwrap();
@@ -335,21 +374,6 @@ proptest! {
         prop_assert!(report.bytes_resumed > 0, "resumed");
         prop_assert!(fs::read(&out).unwrap() == whole, "the same to the byte");
     }
-}
-
-/// The journal files with a checkpoint in them, newest first.
-fn journals(folder: &Path) -> Vec<PathBuf> {
-    let mut found: Vec<(u64, PathBuf)> = ["journal-0", "journal-1"]
-        .map(|name| folder.join(name))
-        .into_iter()
-        .filter_map(|path| {
-            let bytes = fs::read(&path).unwrap();
-            let number = u64::from_le_bytes(bytes.get(24..32)?.try_into().unwrap());
-            Some((number, path))
-        })
-        .collect();
-    found.sort_by(|a, b| b.cmp(a));
-    found.into_iter().map(|(_, path)| path).collect()
 }
 
 /// The last image of which this holds.
