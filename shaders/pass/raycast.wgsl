@@ -106,11 +106,11 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool
             (*walk).next = (*caster).ray.last + 1;
             return true;
         }
-        if !MANY_LEVELS || (*caster).ray.level + 1u >= frame.used_levels || (*caster).is_idle {
+        if !MANY_LEVELS || (*caster).ray.grid.level + 1u >= frame.used_levels || (*caster).is_idle {
             break;
         }
         (*caster).skipped += cast_skipped(*caster, *walk);
-        (*caster).ray = ray_for_pixel((*caster).pixel, (*caster).ray.level + 1u);
+        (*caster).ray = ray_for_pixel((*caster).pixel, (*caster).ray.grid.level + 1u);
         *walk = walk_begin((*caster).ray, cast_interval(*caster), 0);
     }
     return false;
@@ -140,12 +140,12 @@ fn source_of(caster: Cast, brick: Brick, index: f32) -> Source {
     source.is_missing = brick.tag == TAG_ABSENT;
     if DRAFT {
         let all_levels = cast_order(FEEDBACK_LEVELS);
-        var level = caster.ray.level + 1u;
+        var level = caster.ray.grid.level + 1u;
         while source.brick.tag == TAG_ABSENT && level < all_levels {
             let coarser = ray_for_pixel(caster.pixel, level);
             source.base = coarser.base;
-            source.step = coarser.step * (frame.levels[caster.ray.level].step_mm / frame.levels[level].step_mm);
-            source.brick = brick_at(level, source.base + index * source.step);
+            source.step = coarser.step * (caster.ray.step_mm / frame.levels[level].step_mm);
+            source.brick = brick_at(grid_of(level), source.base + index * source.step);
             level += 1u;
         }
         feedback_touch(source.brick);
@@ -163,7 +163,7 @@ fn source_offset(source: Source, index: f32) -> vec3f {
 fn cast_enter(caster: ptr<function, Cast>, brick: Brick, index: f32) -> Source {
     let source = source_of(*caster, brick, index);
     if source.is_missing {
-        feedback_request(brick);
+        feedback_request((*caster).ray.grid, brick);
         (*caster).missed = true;
         (*caster).stopped = !DRAFT;
     } else {
@@ -190,7 +190,7 @@ fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extre
     }
     var state: RayState;
     state.next = next;
-    state.flags = select(RAY_FINISHED, (flags & ~RAY_LEVEL_MASK) | caster.ray.level, is_pending);
+    state.flags = select(RAY_FINISHED, (flags & ~RAY_LEVEL_MASK) | caster.ray.grid.level, is_pending);
     state.extreme = extreme;
     rays[caster.at] = state;
     if is_pending {
@@ -221,14 +221,14 @@ fn cast_dvr(
         i = walk.first;
         loop {
             var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.level, offset);
+            let brick = brick_at(caster.ray.grid, offset);
             let source = cast_enter(&caster, brick, f32(i));
             if caster.stopped {
                 break;
             }
             loop {
                 let at = source_offset(source, f32(i));
-                let classified = classify_value(caster.ray.level, sample_value(source.brick, at));
+                let classified = classify_value(caster.ray.grid, sample_value(source.brick, at));
                 var color = classified.rgb;
                 if SHADED {
                     color = shade_phong(color, sample_gradient(source.brick, at), caster.ray.direction);
@@ -270,7 +270,7 @@ fn cast_mip(
         i = walk.first;
         loop {
             var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.level, offset);
+            let brick = brick_at(caster.ray.grid, offset);
             let source = cast_enter(&caster, brick, f32(i));
             if caster.stopped {
                 break;
@@ -295,7 +295,7 @@ fn cast_mip(
     is_inside |= caster.ray.first <= caster.ray.last;
     var color = vec4f(0.0);
     if is_inside {
-        let classified = classify_value(caster.ray.level, greatest);
+        let classified = classify_value(caster.ray.grid, greatest);
         color = vec4f(classified.rgb * classified.a, classified.a);
     }
     cast_end(caster, walk, color, i, select(0u, RAY_INSIDE, is_inside), greatest);
@@ -313,17 +313,17 @@ fn cast_iso(
     // The sample that `above_before` belongs to: a run that doesn't continue the last one starts afresh.
     var before = select(-2, state.next - 1, (state.flags & RAY_HAS_BEFORE) != 0u);
     // Levels don't continue each other: a segment has one level (design.md §3).
-    var level_before = caster.ray.level;
+    var level_before = caster.ray.grid.level;
     var hit = false;
     var i = state.next;
     var more = cast_next_run(&caster, &walk);
     while more {
-        before = select(-2, before, caster.ray.level == level_before);
-        level_before = caster.ray.level;
+        before = select(-2, before, caster.ray.grid.level == level_before);
+        level_before = caster.ray.grid.level;
         i = walk.first;
         loop {
             var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.level, offset);
+            let brick = brick_at(caster.ray.grid, offset);
             let source = cast_enter(&caster, brick, f32(i));
             if caster.stopped {
                 break;
@@ -393,13 +393,13 @@ fn refine_hit(caster: ptr<function, Cast>, index: f32, above: bool, hit: bool) -
 // The source at `index`, any number between samples. With `voxels` the voxels themselves are needed (for a gradient), also
 // of a brick that is empty.
 fn probe(caster: ptr<function, Cast>, index: f32, hit: bool, voxels: bool) -> Source {
-    var brick = brick_at((*caster).ray.level, ray_offset((*caster).ray, index));
+    var brick = brick_at((*caster).ray.grid, ray_offset((*caster).ray, index));
     if voxels && brick.is_absent {
         brick.tag = TAG_ABSENT;
     }
     let source = source_of(*caster, brick, index);
     if hit && source.is_missing {
-        feedback_request(brick);
+        feedback_request((*caster).ray.grid, brick);
         (*caster).missed = true;
         (*caster).stopped = !DRAFT;
     } else if hit {

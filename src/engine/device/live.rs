@@ -29,6 +29,9 @@ use super::{GpuDevice, mesh_bytes};
 /// How long a tick that can do nothing but wait for bricks waits for one.
 const SHORT_WAIT: Duration = Duration::from_millis(2);
 
+/// Work-groups of a draft's dispatch: 2¹⁶ rays, on the CPU all of a tile.
+const DRAFT_GROUPS: [usize; 2] = [1 << 10, 1 << 14];
+
 type Job = Receiver<Result<ReadyPictures, EngineError>>;
 
 /// A picture under way.
@@ -497,18 +500,22 @@ impl GpuDevice {
         for tile in Renderer::tiles(size, tile) {
             self.renderer
                 .begin_tile(&self.gpu, &inputs, &volume.residency, &tile)?;
-            let cast = Cast {
-                groups: &Renderer::groups(&tile),
-                draft: true,
-                sample_limit: u32::MAX,
-            };
-            pending.push(self.renderer.cast(
-                &self.gpu,
-                &inputs,
-                &mut volume.residency,
-                &tile,
-                &cast,
-            )?);
+            // Rays of a draft don't stop: fewer of them keep a dispatch short.
+            let at_once = DRAFT_GROUPS[usize::from(self.gpu.caps.is_software)];
+            for groups in Renderer::groups(&tile).chunks(at_once) {
+                let cast = Cast {
+                    groups,
+                    draft: true,
+                    sample_limit: u32::MAX,
+                };
+                pending.push(self.renderer.cast(
+                    &self.gpu,
+                    &inputs,
+                    &mut volume.residency,
+                    &tile,
+                    &cast,
+                )?);
+            }
             self.renderer.collect(&self.gpu, &tile, &mut image)?;
         }
         Ok(image)
