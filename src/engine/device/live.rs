@@ -362,7 +362,6 @@ impl GpuDevice {
     }
 
     /// One step of a run. The outer error is the device's, the inner a brick's. Also: was a tile finished?
-    #[expect(clippy::type_complexity, reason = "two kinds of errors and a flag")]
     fn advance_run(
         &mut self,
         run: &mut ExactRun,
