@@ -32,6 +32,10 @@ const SHORT_WAIT: Duration = Duration::from_millis(2);
 /// Work-groups of a draft's dispatch: 2¹⁶ rays, on the CPU all of a tile.
 const DRAFT_GROUPS: [usize; 2] = [1 << 10, 1 << 14];
 
+/// An atlas is made for so many times what the first picture needs: the next ones need other bricks, and a larger atlas
+/// begins empty.
+const ROOM: u64 = 2;
+
 type Job = Receiver<Result<ReadyPictures, EngineError>>;
 
 /// A picture under way.
@@ -232,7 +236,7 @@ impl GpuDevice {
                     },
                     Err(TryRecvError::Disconnected) => return Err(EngineError::Worker),
                 };
-                let ready = match self.make_ready(ready) {
+                let ready = match self.make_ready(ready, ROOM) {
                     Err(error) => {
                         // With less memory the same again.
                         self.with_less(error)?;
@@ -375,7 +379,9 @@ impl GpuDevice {
         let inputs = ready.pictures[number].0.inputs(&self.store);
         let before = run.tiles_left();
         match run.advance(&self.gpu, &mut self.renderer, volume, &inputs, wait) {
-            Err(EngineError::Store(error)) => Ok((Err(error.into()), false)),
+            Err(error @ (EngineError::Store(_) | EngineError::FailedBrick { .. })) => {
+                Ok((Err(error), false))
+            }
             Err(other) => Err(other),
             Ok(progress) => Ok((Ok(progress), run.tiles_left() < before)),
         }
