@@ -128,9 +128,14 @@ impl Renderer {
         tiles
     }
 
+    /// Work-groups in a row of a tile: group g is the (g mod this)-th of its row.
+    pub fn groups_wide(tile: &Tile) -> u32 {
+        RaycastPass::group_count(tile.size).x
+    }
+
     /// The work-groups of a tile, in the order of the picture.
     pub fn groups(tile: &Tile) -> Vec<u32> {
-        let wide = RaycastPass::group_count(tile.size).x;
+        let wide = Self::groups_wide(tile);
         let part = RaycastPass::group_count(tile.part_size);
         (0..part.y)
             .flat_map(|y| (0..part.x).map(move |x| y * wide + x))

@@ -4,9 +4,9 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
-use glam::DVec3;
+use glam::{DVec3, UVec3};
 
-use crate::geom::{BRICK_EDGE, BrickId};
+use crate::geom::{BRICK_EDGE, BrickId, morton};
 use crate::gpu::GpuContext;
 use crate::gpu::layout::{RAY_LEVEL_MASK, RayState};
 use crate::pager::{FrameRequests, RequestClass};
@@ -27,7 +27,7 @@ const LEAST_LIMIT: u32 = 32;
 #[derive(Debug)]
 pub(super) struct ExactRun {
     tiles: VecDeque<Tile>,
-    current: Option<(Tile, Vec<u32>)>,
+    current: Option<Work>,
     sample_limit: u32,
     /// Bricks were asked for that the next dispatch needs: these.
     is_waiting: bool,
@@ -58,6 +58,70 @@ pub(super) enum Progress {
     Advanced,
     /// For bricks.
     Waiting,
+}
+
+/// What is left to do of a tile.
+#[derive(Debug)]
+struct Work {
+    tile: Tile,
+    /// Work-groups that are cast.
+    active: Vec<u32>,
+    /// Those whose turn comes later: what all of them miss at once does not fit the atlas. Their rays keep their state.
+    deferred: Vec<u32>,
+    /// How many are cast at once.
+    at_once: usize,
+    /// The active ones came to this point without missing more than fits.
+    had_room: bool,
+}
+
+impl Work {
+    fn new(tile: Tile) -> Self {
+        let active = Renderer::groups(&tile);
+        Self {
+            tile,
+            at_once: active.len(),
+            active,
+            deferred: Vec::new(),
+            had_room: true,
+        }
+    }
+
+    /// Neighbours in the picture need the same bricks: they take their turns together.
+    fn sort_by_place(&self, groups: &mut [u32]) {
+        let wide = Renderer::groups_wide(&self.tile);
+        groups.sort_unstable_by_key(|&g| morton(UVec3::new(g % wide, g / wide, 0)));
+    }
+
+    /// Casts fewer groups at once. False when there is but one.
+    fn split(&mut self) -> bool {
+        if self.active.len() < 2 {
+            return false;
+        }
+        self.had_room = false;
+        self.at_once = self.active.len() / 2;
+        let mut active = std::mem::take(&mut self.active);
+        self.sort_by_place(&mut active);
+        self.deferred.extend(active.drain(self.at_once..));
+        self.active = active;
+        true
+    }
+
+    /// Goes on with the groups whose turn has not come. False when there are none.
+    fn next_turn(&mut self) -> bool {
+        if self.deferred.is_empty() {
+            return false;
+        }
+        if self.had_room {
+            self.at_once *= 2;
+        }
+        self.had_room = true;
+        let mut deferred = std::mem::take(&mut self.deferred);
+        self.sort_by_place(&mut deferred);
+        let count = self.at_once.min(deferred.len());
+        self.deferred = deferred.split_off(count);
+        self.active = deferred;
+        true
+    }
 }
 
 /// Slots that one stopped ray may need at once: the bricks that a segment passes, at most.
@@ -146,18 +210,19 @@ impl ExactRun {
                 return Err(error);
             }
         }
-        let (tile, groups) = match self.current.take() {
-            Some(current) => current,
+        let mut work = match self.current.take() {
+            Some(work) => work,
             None => {
                 let Some(tile) = self.tiles.pop_front() else {
                     return Ok(Progress::Complete);
                 };
                 renderer.begin_tile(gpu, inputs, &volume.residency, &tile)?;
-                (tile, Renderer::groups(&tile))
+                Work::new(tile)
             }
         };
+        let tile = work.tile;
         let cast = Cast {
-            groups: &groups,
+            groups: &work.active,
             draft: false,
             sample_limit: self.sample_limit,
         };
@@ -167,7 +232,8 @@ impl ExactRun {
         self.dispatches += 1;
         let touched = volume.bricks_in(&report.used_slots);
         self.touched.extend(&touched);
-        if report.pending_groups.is_empty() {
+        let is_turn_over = report.pending_groups.is_empty();
+        if is_turn_over && !work.next_turn() {
             let counts = renderer.collect(gpu, &tile, &mut self.image)?;
             self.counts.samples += counts.samples;
             self.counts.skipped += counts.skipped;
@@ -178,11 +244,18 @@ impl ExactRun {
             });
         }
         if let Some(pixel) = report.first_stopped {
-            self.request(
-                gpu, renderer, volume, inputs, &tile, &report, &touched, pixel,
-            )?;
+            work.active.clone_from(&report.pending_groups);
+            // More than fits at once would only push each other out.
+            let is_split = report.missed.len() > volume.free_capacity() && work.split();
+            if !is_split {
+                self.request(
+                    gpu, renderer, volume, inputs, &tile, &report, &touched, pixel,
+                )?;
+            }
+        } else if !is_turn_over {
+            work.active = report.pending_groups;
         }
-        self.current = Some((tile, report.pending_groups));
+        self.current = Some(work);
         Ok(Progress::Advanced)
     }
 
@@ -253,4 +326,43 @@ fn segment(
         origin + direction * mm
     };
     volume.bricks_of_segment(level.lod, [place(state.next - 1), place(state.next)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_is_split_by_place_and_nothing_is_lost() {
+        let tile = Tile {
+            origin: [0, 0],
+            size: [128, 128],
+            part_size: [128, 120],
+        };
+        let mut work = Work::new(tile);
+        let all = work.active.clone();
+        assert_eq!(all.len(), 16 * 15, "8×8 pixels each");
+        assert!(
+            work.split() && work.split(),
+            "two halves, then two quarters"
+        );
+        assert_eq!(work.active.len(), 60);
+        let (x, y): (Vec<u32>, Vec<u32>) = work.active.iter().map(|g| (g % 16, g / 16)).unzip();
+        assert!(
+            x.iter().max() <= Some(&7) && y.iter().max() <= Some(&7),
+            "a corner of the tile: {:?}",
+            work.active
+        );
+        let mut met = std::mem::take(&mut work.active);
+        let mut turns = 1;
+        while work.next_turn() {
+            met.append(&mut work.active);
+            turns += 1;
+        }
+        met.sort_unstable();
+        assert_eq!(met, all, "each once");
+        assert!(turns <= 4, "with room again they get larger: {turns} turns");
+        work.active = vec![3];
+        assert!(!work.split(), "one work-group can't be split");
+    }
 }
