@@ -162,7 +162,7 @@ mod gpu {
                     interpolation: Interpolation::Linear,
                     refine: true,
                     lod: LodChoice::Auto,
-        lod_error: PictureSettings::LOD_ERROR,
+                    lod_error: PictureSettings::LOD_ERROR,
                     opacity_cutoff: 0.99,
                     technique,
                     camera: Camera::orbit(&bounds, azimuth, 15.0, 1.0, 30.0)?,

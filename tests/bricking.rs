@@ -121,6 +121,7 @@ fn naive_filter(
 /// Every brick of every level holds the true voxels, its border too; ranges hold; every level is the filter of the one
 /// below; `verify` agrees.
 fn check_store(store: &Store, level_0: &[f64]) {
+    store.check_all_levels().unwrap();
     let stored_type = store.stored_type();
     let mut reader = BrickReader::new().unwrap();
     let mut below: Option<Vec<f64>> = None;

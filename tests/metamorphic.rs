@@ -16,9 +16,7 @@ mod scenes;
 use brickscope::camera::{Camera, Projection};
 use brickscope::engine::{Engine, EngineOptions, Picture, SampleFilter};
 use brickscope::geom::Lod;
-use brickscope::scene::{
-    LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique,
-};
+use brickscope::scene::{LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique};
 use brickscope::volume::VoxelType;
 use compare::{assert_same_bits, coverage, difference};
 use glam::{DAffine3, DVec3};
@@ -282,7 +280,11 @@ fn several_levels_in_one_picture_under_any_atlas() {
     for mode in MODES {
         let s = many_levels(&store, mode);
         let whole = under(&store, &s, None);
-        assert!(coverage(&whole.image) > 0.05, "{}: something is seen", mode.name());
+        assert!(
+            coverage(&whole.image) > 0.05,
+            "{}: something is seen",
+            mode.name()
+        );
         for slots in [9, 64] {
             let what = format!("{}, {slots} slots", mode.name());
             assert_same_bits(&whole.image, &under(&store, &s, Some(slots)).image, &what);
@@ -290,7 +292,11 @@ fn several_levels_in_one_picture_under_any_atlas() {
         let mut plain = s.clone();
         plain.technique = Technique::Basic;
         let plain = under(&store, &plain, None);
-        assert_same_bits(&whole.image, &plain.image, &format!("{}: skipping", mode.name()));
+        assert_same_bits(
+            &whole.image,
+            &plain.image,
+            &format!("{}: skipping", mode.name()),
+        );
     }
 }
 

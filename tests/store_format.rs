@@ -173,6 +173,58 @@ fn truncation_at_every_offset() {
 }
 
 #[test]
+fn the_index_is_checked_at_its_first_use() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("two.bsk");
+    two_bricks(&path);
+    let place = Store::open(&path).unwrap().header().levels[0];
+    for at in place.offset..place.offset + place.len {
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes[at as usize] ^= 4;
+        let bad = dir.path().join("bad.bsk");
+        std::fs::write(&bad, &bytes).unwrap();
+        let store = Store::open(&bad).expect("header and metadata are sound");
+        let index_is_named = |error: StoreError| matches!(error, StoreError::Damaged { part: Part::Index(Lod(0)), offset, .. } if offset == place.offset);
+        for _ in 0..2 {
+            assert!(
+                index_is_named(store.check_level(Lod(0)).unwrap_err()),
+                "byte {at}, each time"
+            );
+        }
+        assert!(
+            index_is_named(store.check_all_levels().unwrap_err()),
+            "byte {at}, by all levels"
+        );
+        let mut reader = BrickReader::new().unwrap();
+        let first = BrickId::new(Lod(0), UVec3::ZERO);
+        assert!(
+            index_is_named(store.read_brick(first, &mut reader).unwrap_err()),
+            "byte {at}: reading checks by itself"
+        );
+        let report = bricking::verify(&store, 9, &NoProgress).unwrap();
+        assert!(
+            matches!(&report.faults[..], [fault] if fault.part == Part::Index(Lod(0))),
+            "byte {at}: {:?}",
+            report.faults
+        );
+    }
+    // A wrong entry with a right checksum is named by its own place.
+    let mut bytes = std::fs::read(&path).unwrap();
+    let second = place.offset as usize + 32;
+    bytes[second + 28] = 1;
+    let crc = crc32c::crc32c(&bytes[place.offset as usize..]);
+    bytes[156..160].copy_from_slice(&crc.to_le_bytes());
+    let crc = crc32c::crc32c(&bytes[..1276]);
+    bytes[1276..1280].copy_from_slice(&crc.to_le_bytes());
+    std::fs::write(&path, &bytes).unwrap();
+    let found = Store::open(&path).unwrap().check_level(Lod(0));
+    assert!(
+        matches!(&found, Err(StoreError::Damaged { part: Part::Index(Lod(0)), offset, .. }) if *offset == second as u64),
+        "{found:?}"
+    );
+}
+
+#[test]
 fn every_flipped_byte_is_found() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.bsk");
@@ -348,14 +400,20 @@ fn other_files_are_refused_by_kind() {
         Store::open(&path).unwrap_err()
     };
     assert!(matches!(with(0, 0), StoreError::NotAStore { .. }));
+    let version = with(8, 2);
     assert!(matches!(
-        with(8, 2),
+        version,
         StoreError::Version {
             found: 2,
             supported: 1,
             ..
         }
     ));
+    let text = version.to_string();
+    assert!(
+        text.contains("expected format version 1, found 2"),
+        "names both versions: {text}"
+    );
     assert!(matches!(
         with(100, 1),
         StoreError::Damaged {

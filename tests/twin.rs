@@ -120,6 +120,34 @@ fn every_setting_matches_the_reference() {
 
 #[test]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn several_levels_in_one_picture_match_the_reference() {
+    let store = waves(VoxelType::U16);
+    for mode in MODES {
+        let mut s = settings(&store.store, mode);
+        s.camera = inside(
+            &store.store,
+            DVec3::new(0.45, 0.2, 0.5),
+            DVec3::new(0.3, 1.0, 0.2),
+        );
+        s.lod_error = 3.0;
+        let what = format!("{} at several levels", mode.name());
+        check(&store, &s, 0, &what);
+        let one = drawn(
+            &store,
+            &PictureSettings {
+                lod: LodChoice::Fixed(Lod(0)),
+                ..s.clone()
+            },
+        );
+        assert!(
+            difference(&drawn(&store, &s).image, &one.image, TWIN_BOUND).beyond > 100,
+            "{what}: not only level 0"
+        );
+    }
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn sharp_edges_match_the_reference() {
     let store = phantom("phantom:body:100,70,110:u8");
     for mode in MODES {

@@ -157,6 +157,30 @@ impl<T: Mean> FinePair<'_, T> {
     }
 }
 
+/// The slices of the coarser level above a box of the finer one, whose lowest corner has even coordinates: `fine` has
+/// `size` voxels along each axis, x fastest; `each` is given one slice after another.
+pub fn coarse_slices<T: Mean>(
+    fine: &[T],
+    size: [usize; 3],
+    halve: [bool; 3],
+    mut each: impl FnMut(&[T]),
+) {
+    let slice_len = size[0] * size[1];
+    let (mut coarse, mut sums) = (Vec::new(), Vec::new());
+    for slices in fine.chunks(slice_len << usize::from(halve[2])) {
+        let (lower, upper) = slices.split_at(slice_len);
+        let pair = FinePair {
+            lower,
+            upper: (!upper.is_empty()).then_some(upper),
+            width: size[0],
+            halve: [halve[0], halve[1]],
+        };
+        coarse.resize(pair.coarse_width() * pair.coarse_height(), T::default());
+        pair.rows(0, &mut coarse, &mut sums);
+        each(&coarse);
+    }
+}
+
 fn halved(n: usize, halve: bool) -> usize {
     if halve { n.div_ceil(2) } else { n }
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::border;
 use super::error::BrickError;
 use super::slab::Slab;
-use super::stats::{Binned, Summary, Tally, Totals};
+use super::stats::{Binned, SavedTotals, Summary, Tally, Totals};
 use crate::geom::{BrickGrid, BrickId, Lod, STORED_VOXELS, morton};
 use crate::store::codec::{BrickEncoder, EncodedBrick};
 use crate::store::{StoreError, StoreWriter};
@@ -49,11 +49,16 @@ pub fn layer_order(grid: &BrickGrid) -> Vec<[u32; 2]> {
 }
 
 impl<T: Binned> LayerEncoder<T> {
-    /// An encoder with `workers` sets of buffers, at zstd `level`, `batch` bricks at a time.
+    /// An encoder with `workers` sets of buffers, at zstd `level`, `batch` bricks at a time, which adds to `totals`.
     ///
     /// # Errors
     /// zstd has no memory or refuses the level.
-    pub fn new(workers: usize, level: i32, batch: usize) -> Result<Self, BrickError> {
+    pub fn new(
+        workers: usize,
+        level: i32,
+        batch: usize,
+        totals: Totals<T>,
+    ) -> Result<Self, BrickError> {
         let workers = (0..workers)
             .map(|_| {
                 Ok(Worker {
@@ -66,7 +71,7 @@ impl<T: Binned> LayerEncoder<T> {
             .map_err(zstd_error)?;
         Ok(Self {
             workers: Mutex::new(workers),
-            totals: Totals::new(),
+            totals,
             batch: batch.max(1),
         })
     }
@@ -109,6 +114,15 @@ impl<T: Binned> LayerEncoder<T> {
                 Ok((id, encoded.map_err(zstd_error)?))
             })
             .collect()
+    }
+
+    /// The totals so far, for a journal; the counts are appended to `counts`.
+    pub fn save(&self, counts: &mut Vec<u8>) -> SavedTotals {
+        let mut workers = self.workers.lock().unwrap_or_else(PoisonError::into_inner);
+        for worker in workers.iter_mut() {
+            worker.tally.give(&self.totals);
+        }
+        self.totals.save(counts)
     }
 
     /// The statistics of all bricks of level 0.

@@ -1,12 +1,14 @@
 //! What can go wrong while bricking.
 
+use std::path::PathBuf;
+
 use glam::U64Vec3;
 use thiserror::Error;
 
 use crate::store::StoreError;
 use crate::volume::{SourceError, StoredType, VoxelType};
 
-/// Why a volume can't be bricked. No output file is left behind.
+/// Why a volume can't be bricked. No output file is left behind; what a killed run left is kept when it can't be resumed.
 #[derive(Debug, Error)]
 pub enum BrickError {
     /// The input can't be read.
@@ -68,6 +70,32 @@ pub enum BrickError {
         store_type: StoredType,
         /// What it can hold.
         range: String,
+    },
+    /// The run that is to be gone on with was begun with another input or other options.
+    #[error(
+        "{}: cannot be resumed: {differences}; give the input and options that it was begun with, or leave out --resume \
+             to start from the beginning",
+        out.display()
+    )]
+    OtherRun {
+        /// The store to be written.
+        out: PathBuf,
+        /// What was and is, in words.
+        differences: String,
+    },
+    /// The source has other voxels than when the run that is to be gone on with was begun.
+    #[error(
+        "{}: cannot be resumed: slice {slice} of {name} is not what it was when the bricking began; bring the old input \
+             back, or leave out --resume to start from the beginning",
+        out.display()
+    )]
+    SourceChanged {
+        /// The store to be written.
+        out: PathBuf,
+        /// The source.
+        name: String,
+        /// The slice that differs.
+        slice: u64,
     },
     /// NaN or infinite values in a source that can be read only once: the finite range must be known beforehand.
     #[error(

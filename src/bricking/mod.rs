@@ -8,10 +8,11 @@
 //! ```
 //! Each level keeps a rolling slab of 34 slices (a layer of bricks and its borders). What is here: [`plan`] (levels and
 //! memory), [`convert`] (source type to stored type), [`downsample`] (the box filter), [`border`] (cutting bricks out of
-//! slabs), [`stats`] (histogram, range, hash), [`pipeline`], [`progress`], and [`mod@verify`], which checks a store against
-//! the same formulas. What is not: file formats (`input`, `store`) and anything of the GPU.
+//! slabs), [`stats`] (histogram, range, hash), [`pipeline`], `checkpoint` and `resume` (going on with a killed run),
+//! [`progress`], and [`mod@verify`], which checks a store against the same formulas. What is not: file formats (`input`, `store`) and anything of the GPU.
 
 pub mod border;
+mod checkpoint;
 pub mod convert;
 pub mod downsample;
 mod encode;
@@ -19,6 +20,7 @@ mod error;
 pub mod pipeline;
 pub mod plan;
 pub mod progress;
+mod resume;
 mod slab;
 pub mod stats;
 pub mod verify;

@@ -1,25 +1,30 @@
 //! The pass: slices in, bricks of all levels out.
 //!
 //! Threads: one reads the source a chunk of slices ahead; the pool's workers convert, filter and encode; one of them at a
-//! time writes. The bytes of the store depend on the voxels and the options alone, never on threads or memory.
+//! time writes; one more syncs and writes the journal. The bytes of the store depend on the voxels and the options alone,
+//! never on threads or memory, nor on whether the run was killed and resumed in between.
 
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::U64Vec3;
 use rayon::prelude::*;
 
+use super::checkpoint::{Checkpointer, Parameters, Reached, checkpoints};
 use super::convert::{self, FiniteRange, FromSource, Outcome};
 use super::downsample::{FinePair, Mean};
 use super::encode::{Layer, LayerEncoder, layer_order};
 use super::error::BrickError;
 use super::plan::{self, CHUNKS, LevelPlan, MemoryPlan, Needs};
 use super::progress::Progress;
-use super::slab::Slab;
-use super::stats::Binned;
+use super::resume::{self, Resumed, Wanted};
+use super::slab::{self, Slab};
+use super::stats::{Binned, Totals};
 use crate::geom::{Lod, VoxelBox};
-use crate::store::{Conversion, Existing, LevelMeta, StoreMeta, StoreWriter};
+use crate::store::{
+    Conversion, Existing, Journal, LevelMeta, StoreMeta, StoreWriter, Unfinished, WrittenBricks,
+};
 use crate::volume::{ReadOrder, Rescale, StoredType, VolumeDesc, VoxelSource};
 
 /// How to brick.
@@ -41,7 +46,15 @@ pub struct BrickOptions {
     /// What replaces NaN and infinite values. `None`: found in a pass of its own when the first of them comes, which
     /// only [`ReadOrder::Random`] sources allow.
     pub finite_range: Option<FiniteRange>,
+    /// Go on with a run to the same output that was killed, from its last checkpoint; without one, start from the
+    /// beginning and say so. `false`: what such a run left is removed.
+    pub resume: bool,
+    /// Least time between checkpoints; they are made when a layer of bricks of level 0 is finished.
+    pub checkpoint_every: Duration,
 }
+
+/// What a killed run loses is at most the work of this time and of one layer of bricks.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(1);
 
 impl Default for BrickOptions {
     fn default() -> Self {
@@ -53,6 +66,8 @@ impl Default for BrickOptions {
             store_type: None,
             existing: Existing::Refuse,
             finite_range: None,
+            resume: false,
+            checkpoint_every: CHECKPOINT_EVERY,
         }
     }
 }
@@ -68,6 +83,8 @@ pub struct BrickingReport {
     pub kept_bricks: u64,
     /// Bytes of the source's voxels.
     pub bytes_in: u64,
+    /// How many of them a run that was resumed had done before.
+    pub bytes_resumed: u64,
     /// Bytes of the store.
     pub bytes_out: u64,
     /// Wall-clock time.
@@ -88,7 +105,8 @@ pub struct BrickingReport {
 ///
 /// # Errors
 /// The source can't be read, the store can't be written, the memory is too small, or a value does not fit the type that
-/// was asked for. `out` is then as it was, and no scratch file is left.
+/// was asked for: `out` is then as it was, and no scratch file is left. Or a run that was killed can't be resumed: what it
+/// left stays.
 pub fn brick(
     source: &mut dyn VoxelSource,
     out: &Path,
@@ -127,11 +145,19 @@ pub fn brick(
             doing: "start threads",
             error: std::io::Error::other(e),
         })?;
+    let parameters = Parameters::new(
+        &desc,
+        source.stamp(),
+        levels.len(),
+        options.zstd_level,
+        stored_type,
+    );
     let job = Job {
         desc: &desc,
         levels: &levels,
         memory,
         options,
+        parameters,
         progress,
     };
     let start = Instant::now();
@@ -150,13 +176,25 @@ struct Job<'a> {
     levels: &'a [LevelPlan],
     memory: MemoryPlan,
     options: &'a BrickOptions,
+    parameters: Parameters,
     progress: &'a dyn Progress,
 }
 
 /// Some slices of the source, on their way from the reading thread.
 struct Chunk {
     bytes: Vec<u8>,
-    range: FiniteRange,
+    /// What replaces NaN and infinite values; there when there are any.
+    range: Option<FiniteRange>,
+}
+
+/// Where the pass begins.
+struct Beginning<'a, T> {
+    pass: Pass<'a, T>,
+    journal: Journal,
+    /// Slices that came before.
+    slices: u64,
+    outcome: Outcome,
+    range: Option<FiniteRange>,
 }
 
 impl Job<'_> {
@@ -167,18 +205,33 @@ impl Job<'_> {
         pool: &rayon::ThreadPool,
     ) -> Result<BrickingReport, BrickError> {
         let grids: Vec<_> = self.levels.iter().map(|l| l.grid).collect();
-        let writer = StoreWriter::create(out, self.options.existing, T::TYPE, &grids)?;
-        let mut pass = Pass::<T>::new(self.levels, writer, self.memory, self.options.zstd_level)?;
+        let Beginning {
+            mut pass,
+            journal,
+            slices,
+            outcome,
+            range,
+        } = self.begin::<T>(source, out, pool)?;
         let total = self.desc.byte_count().unwrap_or(u64::MAX);
+        let dims = self.desc.dims;
+        let bytes_resumed = dims.x * dims.y * slices * self.desc.voxel_type.size() as u64;
         self.progress.begin("bricking", total);
+        self.progress.advance(bytes_resumed);
         let outcome = std::thread::scope(|scope| {
             let (full_in, full_out) = bounded(CHUNKS as usize);
             let (empty_in, empty_out) = bounded(CHUNKS as usize);
             for _ in 0..CHUNKS {
                 let _ = empty_in.send(Vec::new());
             }
-            scope.spawn(move || self.read(source, &empty_out, &full_in));
-            pool.install(|| self.consume(&mut pass, &full_out, &empty_in))
+            let (checkpointer, keeper) =
+                checkpoints(&self.parameters, self.options.checkpoint_every);
+            scope.spawn(move || self.read(source, (slices, range), &empty_out, &full_in));
+            scope.spawn(move || keeper.run(journal, self.progress));
+            let chunks = Chunks {
+                full: full_out,
+                empty: empty_in,
+            };
+            pool.install(|| self.consume(&mut pass, (slices, outcome), &chunks, checkpointer))
         });
         self.progress.end();
         let outcome = outcome?;
@@ -233,6 +286,7 @@ impl Job<'_> {
             bricks: grids.iter().map(|g| g.len()).sum(),
             kept_bricks: kept,
             bytes_in: total,
+            bytes_resumed,
             bytes_out,
             seconds: 0.0,
             levels: grids.len() as u32,
@@ -243,17 +297,178 @@ impl Job<'_> {
         })
     }
 
-    /// The reading thread: fills buffers until the source or the other side ends.
+    /// A pass at its start, or where a killed one is gone on with.
+    fn begin<T: Mean + Binned + FromSource>(
+        &self,
+        source: &mut dyn VoxelSource,
+        out: &Path,
+        pool: &rayon::ThreadPool,
+    ) -> Result<Beginning<'_, T>, BrickError> {
+        let left = Unfinished::exists(out);
+        if self.options.resume {
+            let wanted = Wanted {
+                out,
+                existing: self.options.existing,
+                desc: self.desc,
+                levels: self.levels,
+                parameters: &self.parameters,
+            };
+            if let Some(resumed) = wanted.find::<T>()? {
+                return self.go_on(source, out, resumed, pool);
+            }
+        }
+        let grids: Vec<_> = self.levels.iter().map(|l| l.grid).collect();
+        let writer = StoreWriter::create(out, self.options.existing, T::TYPE, &grids)?;
+        let journal = writer.journal()?;
+        let said = match (self.options.resume, left) {
+            (true, true) => Some(
+                "nothing to resume: the run before was killed too early; starting from the beginning",
+            ),
+            (true, false) => {
+                Some("nothing to resume: no unfinished run is there; starting from the beginning")
+            }
+            (false, true) => Some(
+                "note: what a killed run left is removed; starting from the beginning (without --resume)",
+            ),
+            (false, false) => None,
+        };
+        if let Some(said) = said {
+            self.progress.note(said);
+        }
+        Ok(Beginning {
+            pass: self.pass(writer, Totals::new())?,
+            journal,
+            slices: 0,
+            outcome: Outcome::default(),
+            range: self.options.finite_range,
+        })
+    }
+
+    fn pass<T: Mean + Binned>(
+        &self,
+        writer: StoreWriter,
+        totals: Totals<T>,
+    ) -> Result<Pass<'_, T>, BrickError> {
+        let MemoryPlan { workers, batch, .. } = self.memory;
+        let zstd_level = self.options.zstd_level;
+        Ok(Pass {
+            levels: self.levels,
+            slabs: self
+                .levels
+                .iter()
+                .map(|l| Slab::new(l.grid.voxels))
+                .collect(),
+            orders: self.levels.iter().map(|l| layer_order(&l.grid)).collect(),
+            encoder: LayerEncoder::new(workers, zstd_level, batch, totals)?,
+            writer,
+            kept: 0,
+        })
+    }
+
+    /// The pass as it was at a checkpoint.
+    fn go_on<T: Mean + Binned + FromSource>(
+        &self,
+        source: &mut dyn VoxelSource,
+        out: &Path,
+        resumed: Resumed<T>,
+        pool: &rayon::ThreadPool,
+    ) -> Result<Beginning<'_, T>, BrickError> {
+        let Resumed {
+            state,
+            totals,
+            writer,
+            journal,
+            mut written,
+        } = resumed;
+        let depth = self.desc.dims.z;
+        self.progress.note(&format!(
+            "resuming after slice {} of {depth} ({:.0} %)",
+            state.slices,
+            state.slices as f64 / depth as f64 * 100.0
+        ));
+        let range = state.finite_range().or(self.options.finite_range);
+        let mut pass = self.pass(writer, totals)?;
+        pass.kept = state.kept;
+        let slab = &mut pass.slabs[0];
+        slab.go_on(slab::complete_layers(depth, state.slices), state.slices);
+        self.refill(source, slab, range)?;
+        pool.install(|| {
+            let same = self.source_is_the_same(&pass.slabs[0], &mut written)?;
+            if !same {
+                return Err(BrickError::SourceChanged {
+                    out: out.to_owned(),
+                    name: self.desc.name.clone(),
+                    slice: pass.slabs[0].first_z(),
+                });
+            }
+            let batch = self.memory.batch;
+            resume::rebuild_slabs(self.levels, &mut pass.slabs, &mut written, batch)
+        })?;
+        pass.writer.own_unfinished();
+        Ok(Beginning {
+            pass,
+            journal,
+            slices: state.slices,
+            outcome: state.outcome(),
+            range,
+        })
+    }
+
+    fn source_is_the_same<T: Binned>(
+        &self,
+        slab: &Slab<T>,
+        written: &mut WrittenBricks,
+    ) -> Result<bool, BrickError> {
+        // Of the last layer nothing is held: nothing is left to be read either.
+        if written.layers(0) == 0 || slab.first_z() == slab.next_z() {
+            return Ok(true);
+        }
+        let slice = slab.slice(slab.first_z());
+        resume::source_is_the_same(slice, &self.levels[0], written, self.memory.batch)
+    }
+
+    /// Reads the slices of the source that the slab of level 0 holds; a stream from its start.
+    fn refill<T: FromSource>(
+        &self,
+        source: &mut dyn VoxelSource,
+        slab: &mut Slab<T>,
+        range: Option<FiniteRange>,
+    ) -> Result<(), BrickError> {
+        let dims = self.desc.dims;
+        let slice_bytes = dims.x * dims.y * self.desc.voxel_type.size() as u64;
+        let (first, next) = (slab.first_z(), slab.next_z());
+        let is_stream = source.order() == ReadOrder::ForwardZ;
+        if is_stream {
+            self.progress
+                .note("a compressed stream has to be read again from its start up to there");
+        }
+        let from = if is_stream { 0 } else { first };
+        let mut bytes = vec![0; slice_bytes as usize];
+        self.progress
+            .begin("reading again", (next - from) * slice_bytes);
+        for z in from..next {
+            let slice = VoxelBox::new(U64Vec3::new(0, 0, z), U64Vec3::new(dims.x, dims.y, z + 1));
+            source.read_box(slice, &mut bytes)?;
+            if z >= first {
+                // Counted when it came first.
+                let _ = convert_slice(self.desc, &bytes, range, slab.slice_mut(z));
+            }
+            self.progress.advance(slice_bytes);
+        }
+        self.progress.end();
+        Ok(())
+    }
+
+    /// The reading thread: fills buffers, from slice `z` on, until the source or the other side ends.
     fn read(
         &self,
         source: &mut dyn VoxelSource,
+        (mut z, mut range): (u64, Option<FiniteRange>),
         empty: &Receiver<Vec<u8>>,
         full: &Sender<Result<Chunk, BrickError>>,
     ) {
         let dims = self.desc.dims;
         let voxel_type = self.desc.voxel_type;
-        let mut range = self.options.finite_range;
-        let mut z = 0;
         while z < dims.z {
             let Ok(mut bytes) = empty.recv() else { return };
             let end = dims.z.min(z + self.memory.chunk_slices);
@@ -267,10 +482,7 @@ impl Job<'_> {
                     if range.is_none() && !convert::all_finite(voxel_type, &bytes) {
                         range = Some(self.find_range(source)?);
                     }
-                    Ok(Chunk {
-                        bytes,
-                        range: range.unwrap_or(FiniteRange { min: 0.0, max: 0.0 }),
-                    })
+                    Ok(Chunk { bytes, range })
                 });
             let failed = read.is_err();
             if full.send(read).is_err() || failed {
@@ -292,20 +504,20 @@ impl Job<'_> {
         Ok(convert::finite_range(source, self.memory.chunk_slices)?)
     }
 
-    /// Takes chunks until all slices came.
+    /// Takes chunks until all slices came; `z` of them came before.
     fn consume<T: Mean + Binned + FromSource>(
         &self,
         pass: &mut Pass<'_, T>,
-        full: &Receiver<Result<Chunk, BrickError>>,
-        empty: &Sender<Vec<u8>>,
+        (mut z, mut outcome): (u64, Outcome),
+        chunks: &Chunks,
+        mut checkpointer: Checkpointer<'_>,
     ) -> Result<Outcome, BrickError> {
         let dims = self.desc.dims;
         let slice_len = (dims.x * dims.y) as usize;
         let slice_bytes = slice_len * self.desc.voxel_type.size();
-        let mut outcome = Outcome::default();
-        let mut z = 0;
         while z < dims.z {
-            let chunk = full
+            let chunk = chunks
+                .full
                 .recv()
                 .expect("invariant: the reading thread sends every slice, or an error")?;
             for bytes in chunk.bytes.chunks_exact(slice_bytes) {
@@ -314,13 +526,24 @@ impl Job<'_> {
                     return Err(self.misfit::<T>(U64Vec3::new(at % dims.x, at / dims.x, z), value));
                 }
                 outcome = outcome.then(found, slice_len as u64);
+                let layer = pass.slabs[0].layer();
                 pass.slabs[0].push();
                 pass.slice_came(0)?;
                 z += 1;
+                if pass.slabs[0].layer() != layer {
+                    let reached = Reached {
+                        slices: z,
+                        kept: pass.kept,
+                        outcome,
+                        finite_range: chunk.range,
+                    };
+                    let encoder = &pass.encoder;
+                    checkpointer.offer(&mut pass.writer, reached, |counts| encoder.save(counts))?;
+                }
             }
             self.progress.advance(chunk.bytes.len() as u64);
             // The reading thread may have ended already.
-            let _ = empty.send(chunk.bytes);
+            let _ = chunks.empty.send(chunk.bytes);
         }
         Ok(outcome)
     }
@@ -342,6 +565,12 @@ impl Job<'_> {
     }
 }
 
+/// The other side of the reading thread: full buffers from it, empty ones to it.
+struct Chunks {
+    full: Receiver<Result<Chunk, BrickError>>,
+    empty: Sender<Vec<u8>>,
+}
+
 /// Voxels that a thread converts or filters at once.
 const BLOCK_VOXELS: usize = 1 << 16;
 
@@ -349,9 +578,11 @@ const BLOCK_VOXELS: usize = 1 << 16;
 fn convert_slice<T: FromSource>(
     desc: &VolumeDesc,
     bytes: &[u8],
-    range: FiniteRange,
+    range: Option<FiniteRange>,
     out: &mut [T],
 ) -> Outcome {
+    // Not looked at unless there is something to replace.
+    let range = range.unwrap_or(FiniteRange { min: 0.0, max: 0.0 });
     let size = desc.voxel_type.size();
     let (outcome, _) = out
         .par_chunks_mut(BLOCK_VOXELS)
@@ -377,23 +608,7 @@ struct Pass<'a, T> {
     kept: u64,
 }
 
-impl<'a, T: Mean + Binned> Pass<'a, T> {
-    fn new(
-        levels: &'a [LevelPlan],
-        writer: StoreWriter,
-        memory: MemoryPlan,
-        zstd_level: i32,
-    ) -> Result<Self, BrickError> {
-        Ok(Self {
-            levels,
-            slabs: levels.iter().map(|l| Slab::new(l.grid.voxels)).collect(),
-            orders: levels.iter().map(|l| layer_order(&l.grid)).collect(),
-            encoder: LayerEncoder::new(memory.workers, zstd_level, memory.batch)?,
-            writer,
-            kept: 0,
-        })
-    }
-
+impl<T: Mean + Binned> Pass<'_, T> {
     /// A slice was pushed to level `l`: makes the slice of the level above that is now complete, and writes the layer of
     /// bricks that is.
     fn slice_came(&mut self, l: usize) -> Result<(), BrickError> {
@@ -422,7 +637,7 @@ impl<'a, T: Mean + Binned> Pass<'a, T> {
 }
 
 /// Makes the slice of `coarse` whose last fine slice is `z`.
-fn downsample<T: Mean>(fine: &Slab<T>, z: u64, plan: &LevelPlan, coarse: &mut Slab<T>) {
+pub(super) fn downsample<T: Mean>(fine: &Slab<T>, z: u64, plan: &LevelPlan, coarse: &mut Slab<T>) {
     let paired = plan.halved.z && z % 2 == 1;
     let pair = FinePair {
         lower: fine.slice(if paired { z - 1 } else { z }),

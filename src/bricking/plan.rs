@@ -187,6 +187,7 @@ impl Needs<'_> {
             mul(&[workers as u64, self.worker_bytes()]),
             mul(&[BATCHES, batch as u64, record]),
             stats::total_bytes(self.stored_type),
+            stats::saved_bytes(self.stored_type),
             writer::memory_bytes(&self.levels.iter().map(|l| l.grid).collect::<Vec<_>>()),
             // The order of a layer's bricks, per level.
             self.levels.iter().fold(0, |sum: u64, l| {

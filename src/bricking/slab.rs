@@ -6,6 +6,28 @@ use super::border::Window;
 use crate::geom::{BRICK_EDGE, STORED_EDGE, VoxelBox};
 use crate::store::Voxel;
 
+/// Layers of bricks of a level of `depth` slices that are complete once `slices` of them came.
+pub fn complete_layers(depth: u64, slices: u64) -> u32 {
+    let edge = u64::from(BRICK_EDGE);
+    let layers = if slices == depth {
+        depth.div_ceil(edge)
+    } else {
+        slices.saturating_sub(1) / edge
+    };
+    layers as u32
+}
+
+/// z of the lowest slice that a slab holds when `layer` layers were rolled away of a level of `depth` slices, of which
+/// `slices` came.
+pub fn first_held(depth: u64, layer: u32, slices: u64) -> u64 {
+    let edge = u64::from(BRICK_EDGE);
+    if u64::from(layer) == depth.div_ceil(edge) {
+        slices
+    } else {
+        (u64::from(layer) * edge).saturating_sub(1)
+    }
+}
+
 /// At most 34 neighbouring slices of a level.
 pub struct Slab<T> {
     dims: U64Vec3,
@@ -31,6 +53,19 @@ impl<T: Voxel> Slab<T> {
             layer: 0,
             voxels: vec![T::default(); slice_len * slices],
         }
+    }
+
+    /// An empty slab goes on after `layer` layers of bricks, as if slices up to `next_z` had come: those that it would
+    /// hold are then to be filled in, see [`Self::slice_mut`].
+    pub fn go_on(&mut self, layer: u32, next_z: u64) {
+        self.layer = layer;
+        self.first = first_held(self.dims.z, layer, next_z);
+        self.held = (next_z - self.first) as usize;
+    }
+
+    /// z of the lowest slice held.
+    pub fn first_z(&self) -> u64 {
+        self.first
     }
 
     /// Voxels of the level.
@@ -65,6 +100,13 @@ impl<T: Voxel> Slab<T> {
         &self.voxels[at * self.slice_len..][..self.slice_len]
     }
 
+    /// Slice `z`, which must be held, to be filled in.
+    pub fn slice_mut(&mut self, z: u64) -> &mut [T] {
+        let at = (z - self.first) as usize;
+        assert!(at < self.held, "invariant: slice {z} is in the slab");
+        &mut self.voxels[at * self.slice_len..][..self.slice_len]
+    }
+
     /// All slices held.
     pub fn window(&self) -> Window<'_, T> {
         Window {
@@ -87,17 +129,38 @@ impl<T: Voxel> Slab<T> {
     /// Goes on to the next layer of bricks: keeps the slices that it needs (the last one or two).
     pub fn roll(&mut self) {
         self.layer += 1;
-        let keep_from = u64::from(self.layer) * u64::from(BRICK_EDGE) - 1;
-        if keep_from >= self.next_z() {
-            // That was the last layer.
-            self.first = self.next_z();
-            self.held = 0;
-            return;
-        }
+        let keep_from = first_held(self.dims.z, self.layer, self.next_z());
         let drop = (keep_from - self.first) as usize;
         self.voxels
             .copy_within(drop * self.slice_len..self.held * self.slice_len, 0);
         self.first = keep_from;
         self.held -= drop;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn going_on_is_where_a_whole_run_would_be() {
+        for depth in [1u64, 2, 31, 32, 33, 34, 64, 65, 97, 200] {
+            let mut slab = Slab::<u8>::new(U64Vec3::new(1, 1, depth));
+            for slices in 0..=depth {
+                let mut other = Slab::<u8>::new(U64Vec3::new(1, 1, depth));
+                other.go_on(complete_layers(depth, slices), slices);
+                assert_eq!(
+                    (other.layer, other.first, other.held),
+                    (slab.layer, slab.first, slab.held),
+                    "{slices} of {depth} slices"
+                );
+                if slices < depth {
+                    slab.push();
+                    while slab.is_layer_complete() {
+                        slab.roll();
+                    }
+                }
+            }
+        }
     }
 }

@@ -7,6 +7,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use crate::geom::{BRICK_BORDER, STORED_EDGE, STORED_VOXELS};
@@ -86,6 +87,11 @@ pub fn total_bytes(stored_type: StoredType) -> u64 {
     8 * bins(stored_type)
 }
 
+/// Most bytes of the counts as a journal keeps them, for the memory plan.
+pub fn saved_bytes(stored_type: StoredType) -> u64 {
+    SAVED_LEN as u64 * bins(stored_type)
+}
+
 /// Bytes of a worker's counts, for the memory plan.
 pub fn worker_bytes(stored_type: StoredType) -> u64 {
     4 * bins(stored_type)
@@ -98,6 +104,19 @@ fn bins(stored_type: StoredType) -> u64 {
         StoredType::F32 => f32::BINS,
     };
     bins as u64
+}
+
+/// Bytes of a bin's count as a journal keeps it: number of the bin, u32, and count, u64. Empty bins are left out.
+const SAVED_LEN: usize = 12;
+
+/// What a journal keeps of the totals, beside the counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SavedTotals {
+    hash: u64,
+    /// Bits of the least value as f32, and how often it came.
+    least: Option<(u32, u64)>,
+    /// Bits of the greatest value as f32.
+    greatest: Option<u32>,
 }
 
 /// Counts of all workers.
@@ -250,6 +269,58 @@ impl<T: Binned> Totals<T> {
                 greatest: None,
             }),
         }
+    }
+
+    /// What was counted so far, for a journal; the counts are appended to `counts`.
+    pub fn save(&self, counts: &mut Vec<u8>) -> SavedTotals {
+        let sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
+        for (bin, &count) in sums.counts.iter().enumerate().filter(|(_, c)| **c > 0) {
+            counts.extend((bin as u32).to_le_bytes());
+            counts.extend(count.to_le_bytes());
+        }
+        SavedTotals {
+            hash: sums.hash,
+            least: sums.least.map(|(v, n)| (v.to_f32().to_bits(), n)),
+            greatest: sums.greatest.map(|v| v.to_f32().to_bits()),
+        }
+    }
+
+    /// What [`Self::save`] saved after `voxels` voxels; `None` when that can't have been.
+    pub fn restore(saved: &SavedTotals, counts: &[u8], voxels: u64) -> Option<Self> {
+        let value = |bits: u32| {
+            let value = f32::from_bits(bits);
+            value.is_finite().then(|| T::from_f32(value))
+        };
+        let (pairs, rest) = counts.as_chunks::<SAVED_LEN>();
+        let mut all = vec![0; T::BINS];
+        let mut total = 0u64;
+        for pair in pairs {
+            let (bin, count) = pair.split_at(4);
+            let bin = u32::from_le_bytes(bin.try_into().ok()?);
+            let count = u64::from_le_bytes(count.try_into().ok()?);
+            *all.get_mut(bin as usize)? = count;
+            total = total.checked_add(count)?;
+        }
+        let least = match saved.least {
+            Some((bits, n)) => Some((value(bits)?, n)),
+            None => None,
+        };
+        let greatest = match saved.greatest {
+            Some(bits) => Some(value(bits)?),
+            None => None,
+        };
+        let is_sound = rest.is_empty()
+            && total == voxels
+            && least.is_some() == (voxels > 0)
+            && greatest.is_some() == (voxels > 0);
+        is_sound.then(|| Self {
+            sums: Mutex::new(Sums {
+                counts: all,
+                hash: saved.hash,
+                least,
+                greatest,
+            }),
+        })
     }
 
     /// The statistics of what was counted: at least one voxel.
@@ -461,6 +532,74 @@ mod tests {
             s.percentiles.p1_above_min, 3.5,
             "nothing above: the minimum"
         );
+    }
+
+    #[test]
+    fn saved_totals_go_on_as_if_nothing_had_happened() {
+        fn check<T: Binned>(value: impl Fn(usize) -> T) {
+            let brick = |index: usize| -> Box<[T; STORED_VOXELS]> {
+                let voxels: Vec<T> = (0..STORED_VOXELS).map(|i| value(i + index * 31)).collect();
+                voxels.try_into().ok().unwrap()
+            };
+            let count = |totals: &Totals<T>, bricks: std::ops::Range<usize>| {
+                let mut tally = Tally::new();
+                for i in bricks {
+                    tally.add(i as u64, [32, 7, 5], &brick(i), totals);
+                }
+                tally.give(totals);
+            };
+            let straight = Totals::<T>::new();
+            count(&straight, 0..4);
+            let first = Totals::<T>::new();
+            count(&first, 0..2);
+            let mut counts = Vec::new();
+            let saved = first.save(&mut counts);
+            let voxels = 2 * 32 * 7 * 5;
+            let again = Totals::<T>::restore(&saved, &counts, voxels).expect("as saved");
+            count(&again, 2..4);
+            assert_eq!(again.summary(), straight.summary(), "saved in between");
+            for (counts, voxels) in [
+                (&counts[..counts.len() - 1], voxels),
+                (&counts[12..], voxels),
+                (&counts[..], voxels + 1),
+            ] {
+                assert!(
+                    Totals::<T>::restore(&saved, counts, voxels).is_none(),
+                    "what can't have been"
+                );
+            }
+        }
+        check::<u8>(|i| (i * i % 251) as u8);
+        check::<u16>(|i| (i * i % 50_021) as u16);
+        check::<f32>(|i| (i * i % 5003) as f32 * 0.37 - 900.0);
+    }
+
+    #[test]
+    fn counts_beyond_32_bits() {
+        let totals = Totals::<u8>::new();
+        let mut tally = Tally::<u8>::new();
+        let brick = Box::new([9; STORED_VOXELS]);
+        // 2¹⁷ whole bricks are 2³² voxels.
+        let saved = {
+            tally.add(0, [32, 32, 32], &brick, &totals);
+            tally.give(&totals);
+            let mut counts = Vec::new();
+            let mut saved = totals.save(&mut counts);
+            saved.least = saved.least.map(|(v, _)| (v, 1 << 40));
+            saved
+        };
+        let mut counts = Vec::new();
+        counts.extend(9u32.to_le_bytes());
+        counts.extend((1u64 << 40).to_le_bytes());
+        let totals = Totals::<u8>::restore(&saved, &counts, 1 << 40).unwrap();
+        for index in [1 << 17, u64::from(u32::MAX) + 5] {
+            tally.add(index, [32, 32, 32], &brick, &totals);
+        }
+        tally.give(&totals);
+        let summary = totals.summary();
+        let total: u64 = summary.histogram.counts.iter().sum();
+        assert_eq!(total, (1 << 40) + 2 * 32_768, "no count is cut to 32 bits");
+        assert_eq!(summary.percentiles.p99_9, 9.0, "ranks beyond 32 bits");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use glam::{U64Vec3, UVec3};
 use rayon::prelude::*;
 
 use super::border::{self, Window};
-use super::downsample::{FinePair, Mean};
+use super::downsample::{Mean, coarse_slices};
 use super::error::BrickError;
 use super::progress::Progress;
 use super::stats::{Binned, Tally, Totals, own_voxels};
@@ -35,7 +35,7 @@ pub struct VerifyReport {
     pub fault_count: u64,
 }
 
-/// Checks all of `store`, keeping at most `limit` faults.
+/// Checks all of `store`, keeping at most `limit` faults. When an index is damaged, that is all that is told.
 ///
 /// # Errors
 /// The system has no memory. Faults of the store are not errors but the result.
@@ -58,8 +58,15 @@ fn run<T: Mean + Binned>(
 ) -> Result<VerifyReport, BrickError> {
     let bricks: u64 = levels(store).map(|lod| store.level(lod).grid.len()).sum();
     let brick_bytes = (STORED_VOXELS * store.stored_type().size()) as u64;
-    progress.begin("verifying", bricks * brick_bytes);
     let faults = Faults::new(limit);
+    for fault in levels(store).filter_map(|lod| store.index_fault(lod)) {
+        faults.add(fault.clone());
+    }
+    if !faults.is_empty() {
+        // Nothing can be said of bricks whose entries are not what was written.
+        return Ok(faults.report(bricks));
+    }
+    progress.begin("verifying", bricks * brick_bytes);
     for fault in layout(store, limit) {
         faults.add(fault);
     }
@@ -456,27 +463,19 @@ fn first_difference<T: Mean>(
     factor: U64Vec3,
     coarse: &[T],
 ) -> Option<(usize, T)> {
-    let slice_len = (size.x * size.y) as usize;
-    let (mut filtered, mut sums) = (Vec::new(), Vec::new());
-    let mut at = 0;
-    for slices in fine.chunks(slice_len * factor.z as usize) {
-        let (lower, upper) = slices.split_at(slice_len);
-        let pair = FinePair {
-            lower,
-            upper: (!upper.is_empty()).then_some(upper),
-            width: size.x as usize,
-            halve: [factor.x == 2, factor.y == 2],
-        };
-        filtered.resize(pair.coarse_width() * pair.coarse_height(), T::default());
-        pair.rows(0, &mut filtered, &mut sums);
-        for (&expected, &found) in filtered.iter().zip(&coarse[at..]) {
-            if !expected.same_bits(found) {
-                return Some((at, expected));
-            }
-            at += 1;
+    let halve = factor.to_array().map(|f| f == 2);
+    let (mut at, mut different) = (0, None);
+    coarse_slices(fine, size.to_array().map(|n| n as usize), halve, |slice| {
+        if different.is_none() {
+            different = slice
+                .iter()
+                .zip(&coarse[at..])
+                .position(|(expected, &found)| !expected.same_bits(found))
+                .map(|i| (at + i, slice[i]));
         }
-    }
-    None
+        at += slice.len();
+    });
+    different
 }
 
 fn check_statistics<T: Binned>(store: &Store, totals: Totals<T>, faults: &Faults) {

@@ -84,6 +84,25 @@ impl Engine {
         }
     }
 
+    /// Sets the bounds of memory anew (as in [`EngineOptions`]). What is resident is dropped, pipelines are kept.
+    pub fn set_budgets(&mut self, gpu_memory_bytes: Option<u64>, ram_bytes: u64) {
+        self.options.gpu_memory_bytes = gpu_memory_bytes;
+        self.options.ram_bytes = ram_bytes;
+        #[cfg(feature = "gpu")]
+        if let Device::Gpu(gpu) = &mut self.device {
+            gpu.set_budgets(gpu_memory_bytes, ram_bytes);
+        }
+    }
+
+    /// Drops what is resident on the device and decoded in host memory: the next picture reads everything again.
+    /// Pipelines are kept.
+    pub fn forget_bricks(&mut self) {
+        #[cfg(feature = "gpu")]
+        if let Device::Gpu(gpu) = &mut self.device {
+            gpu.forget();
+        }
+    }
+
     /// Draws one picture; returns when it is complete.
     ///
     /// # Errors
@@ -126,7 +145,10 @@ fn open_device(
         Err(EngineError::Gpu(error @ (GpuError::NoAdapter | GpuError::NoDevice { .. })))
             if options.device == DeviceChoice::Auto =>
         {
-            Ok((Device::Cpu(tick::CpuPicture::default()), Some(error.to_string())))
+            Ok((
+                Device::Cpu(tick::CpuPicture::default()),
+                Some(error.to_string()),
+            ))
         }
         Err(error) => Err(error),
     }

@@ -189,6 +189,28 @@ impl VoxelSource for VoxelFile {
         }
         Ok(())
     }
+
+    fn stamp(&self) -> String {
+        let place = match &self.voxels {
+            Voxels::Plain { start, .. } => format!("from byte {start} on"),
+            Voxels::Stream { compression, .. } => compression.name().to_owned(),
+        };
+        let endian = self.endian;
+        let Ok(info) = std::fs::metadata(&self.path) else {
+            return format!("gone, {place}, {endian:?}");
+        };
+        let changed = info
+            .modified()
+            .ok()
+            .and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
+            .unwrap_or_default();
+        format!(
+            "{} bytes, changed at {}.{:09} (Unix time), {place}, {endian:?}",
+            info.len(),
+            changed.as_secs(),
+            changed.subsec_nanos(),
+        )
+    }
 }
 
 /// Reads the rows of `voxels`, as few and long reads as the box allows.

@@ -2,7 +2,10 @@
 //!
 //! Every file that a command writes goes through [`OutFile`]: it is written under a temporary name in the destination's
 //! folder, synced, and renamed. Dropping it unfinished removes the temporary file; so does [`remove_unfinished`], which
-//! the signal handler calls.
+//! the signal handler calls. What takes hours goes through a [`PartialFolder`] instead, whose name is known: what a killed
+//! process left in it can be found and gone on with.
+
+mod partial;
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -10,8 +13,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 use thiserror::Error;
+
+pub use partial::PartialFolder;
 
 /// Why an output file can't be made.
 #[derive(Debug, Error)]
@@ -23,12 +28,25 @@ pub enum OutFileError {
     IsFolder(PathBuf),
     #[error("{}: the folder {} does not exist; make it first", path.display(), folder.display())]
     NoFolder { path: PathBuf, folder: PathBuf },
+    #[error("{}: is being written by another process (it holds {}); wait for it, or end it", dest.display(), folder.display())]
+    Busy { dest: PathBuf, folder: PathBuf },
     #[error("{}: cannot {doing}: {error}", path.display())]
     Io {
         path: PathBuf,
         doing: &'static str,
         error: io::Error,
     },
+}
+
+impl OutFileError {
+    /// An [`OutFileError::Io`] maker for `map_err`.
+    fn io(path: &Path, doing: &'static str) -> impl FnOnce(io::Error) -> Self {
+        move |error| Self::Io {
+            path: path.to_owned(),
+            doing,
+            error,
+        }
+    }
 }
 
 /// May an existing file be replaced?
@@ -54,22 +72,7 @@ impl OutFile {
     /// # Errors
     /// `dest` is a folder, its folder is missing or can't be written, or it exists and may not be replaced.
     pub fn create(dest: &Path, existing: Existing) -> Result<Self, OutFileError> {
-        if dest.is_dir() {
-            return Err(OutFileError::IsFolder(dest.to_owned()));
-        }
-        if existing == Existing::Refuse && dest.symlink_metadata().is_ok() {
-            return Err(OutFileError::Exists(dest.to_owned()));
-        }
-        let folder = match dest.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p,
-            _ => Path::new("."),
-        };
-        if !folder.is_dir() {
-            return Err(OutFileError::NoFolder {
-                path: dest.to_owned(),
-                folder: folder.to_owned(),
-            });
-        }
+        let folder = check_dest(dest, existing)?;
         let mut builder = tempfile::Builder::new();
         builder.prefix(".brickscope-").suffix(".partial");
         #[cfg(unix)]
@@ -78,14 +81,13 @@ impl OutFile {
             // What `File::create` asks for; the umask applies. The default of tempfile is 0600.
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
+        // Held from before the file is there: `remove_unfinished` sees all or nothing of it.
+        let mut unfinished = unfinished();
         let temp = builder
             .tempfile_in(folder)
-            .map_err(|error| OutFileError::Io {
-                path: dest.to_owned(),
-                doing: "create a file in its folder",
-                error,
-            })?;
-        unfinished().insert(temp.path().to_owned());
+            .map_err(OutFileError::io(dest, "create a file in its folder"))?;
+        unfinished.insert(temp.path().to_owned());
+        drop(unfinished);
         Ok(Self {
             temp,
             dest: dest.to_owned(),
@@ -115,28 +117,54 @@ impl OutFile {
         } = self;
         let temp_path = temp.path().to_owned();
         let result = (|| {
-            let io = |doing| {
-                let path = dest.clone();
-                move |error| OutFileError::Io { path, doing, error }
-            };
-            temp.as_file().sync_all().map_err(io("sync"))?;
-            match existing {
-                Existing::Replace => temp
-                    .persist(&dest)
-                    .map_err(|e| io("rename into place")(e.error))?,
-                Existing::Refuse => temp.persist_noclobber(&dest).map_err(|e| {
-                    if e.error.kind() == io::ErrorKind::AlreadyExists {
-                        OutFileError::Exists(dest.clone())
-                    } else {
-                        io("rename into place")(e.error)
-                    }
-                })?,
-            };
-            Ok(())
+            temp.as_file()
+                .sync_all()
+                .map_err(OutFileError::io(&dest, "sync"))?;
+            rename_into_place(temp.into_temp_path(), &dest, existing)
         })();
         unfinished().remove(&temp_path);
         result
     }
+}
+
+/// The folder of `dest`, which must be there.
+fn folder_of(dest: &Path) -> &Path {
+    match dest.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    }
+}
+
+/// May a file be written at `dest`? Its folder.
+fn check_dest(dest: &Path, existing: Existing) -> Result<&Path, OutFileError> {
+    if dest.is_dir() {
+        return Err(OutFileError::IsFolder(dest.to_owned()));
+    }
+    if existing == Existing::Refuse && dest.symlink_metadata().is_ok() {
+        return Err(OutFileError::Exists(dest.to_owned()));
+    }
+    let folder = folder_of(dest);
+    if !folder.is_dir() {
+        return Err(OutFileError::NoFolder {
+            path: dest.to_owned(),
+            folder: folder.to_owned(),
+        });
+    }
+    Ok(folder)
+}
+
+fn rename_into_place(from: TempPath, dest: &Path, existing: Existing) -> Result<(), OutFileError> {
+    let renamed = match existing {
+        Existing::Replace => from.persist(dest),
+        Existing::Refuse => from.persist_noclobber(dest),
+    };
+    renamed.map_err(|e| {
+        if existing == Existing::Refuse && e.error.kind() == io::ErrorKind::AlreadyExists {
+            OutFileError::Exists(dest.to_owned())
+        } else {
+            OutFileError::io(dest, "rename into place")(e.error)
+        }
+    })
 }
 
 /// Writes `bytes` as the whole of `dest`, by way of an [`OutFile`].
@@ -153,15 +181,23 @@ pub fn write_whole(dest: &Path, existing: Existing, bytes: &[u8]) -> Result<(), 
     out.commit()
 }
 
-/// Removes the temporary files of every [`OutFile`] that is not finished. For signal handlers' threads.
+/// Removes what every [`OutFile`] and [`PartialFolder`] that is not finished has on disk. For the thread that handles
+/// signals, which must end the process next: from here on no output can be begun or finished, the attempt waits forever.
 pub fn remove_unfinished() {
-    for path in std::mem::take(&mut *unfinished()) {
+    let mut paths = unfinished();
+    for path in std::mem::take(&mut *paths) {
         // Nothing can be done about a failure on the way out.
-        let _ = std::fs::remove_file(path);
+        let _ = if path.is_dir() {
+            std::fs::remove_dir_all(path)
+        } else {
+            std::fs::remove_file(path)
+        };
     }
+    // Else a file begun now would be left behind.
+    std::mem::forget(paths);
 }
 
-/// The temporary files in being. A name left here after its file was dropped is harmless: it no longer exists.
+/// The temporary files and folders in being. A name left here after its file was dropped is harmless: it no longer exists.
 fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     static PATHS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     PATHS.lock().unwrap_or_else(PoisonError::into_inner)

@@ -209,7 +209,10 @@ mod tests {
     #[test]
     fn a_report_is_read_as_the_shader_writes_it() {
         let places = FeedbackPlaces::new(5, 100);
-        assert_eq!(places.bytes(), u64::from(FEEDBACK_HEAD + MAX_GROUPS + 5 + 4) * 4);
+        assert_eq!(
+            places.bytes(),
+            u64::from(FEEDBACK_HEAD + MAX_GROUPS + 5 + 4) * 4
+        );
         let mut words = vec![0; places.end as usize];
         assert_eq!(
             Feedback::parse(&words, places, 7),
@@ -228,7 +231,13 @@ mod tests {
         assert_eq!(report.first_stopped, Some(12));
         assert_eq!(report.pending_groups, [6]);
         assert_eq!(report.missed[0], MissedBrick { number: 9, rays: 2 });
-        assert_eq!(report.missed[1], MissedBrick { number: 40, rays: 0 });
+        assert_eq!(
+            report.missed[1],
+            MissedBrick {
+                number: 40,
+                rays: 0
+            }
+        );
         assert_eq!(
             report.used_slots,
             [SlotId(0), SlotId(3)],

@@ -104,7 +104,10 @@ impl Renderer {
     /// Bytes on the device: tables, tile, mesh.
     pub fn bytes(&self) -> u64 {
         Self::frame_bytes(self.levels)
-            + self.targets.as_ref().map_or(0, |t| Self::tile_bytes(t.size))
+            + self
+                .targets
+                .as_ref()
+                .map_or(0, |t| Self::tile_bytes(t.size))
             + self.mesh.as_ref().map_or(0, MeshBuffers::bytes)
     }
 
@@ -277,8 +280,7 @@ impl Renderer {
                 (groups.len() as u32, cast.draft),
             );
         }
-        let copy =
-            PendingFeedback::record(gpu, &mut encoder, &volume.feedback, places, dispatch);
+        let copy = PendingFeedback::record(gpu, &mut encoder, &volume.feedback, places, dispatch);
         gpu.queue.submit([encoder.finish()]);
         Ok(PendingFeedback::map(copy))
     }
@@ -343,8 +345,8 @@ impl Renderer {
         let mut sums = RayCounts::default();
         for row in 0..tile.part_size[1] as usize {
             let from = row * stride;
-            let to = (tile.origin[1] as usize + row) * image.width as usize
-                + tile.origin[0] as usize;
+            let to =
+                (tile.origin[1] as usize + row) * image.width as usize + tile.origin[0] as usize;
             for (pixel, color) in image.pixels[to..to + kept].iter_mut().zip(&colors[from..]) {
                 *pixel = Vec4::from_array(*color);
             }
@@ -426,10 +428,7 @@ mod tests {
     #[test]
     fn tiles_cover_the_picture_once() {
         let tiles = Renderer::tiles([130, 70], [64, 64]);
-        let pixels: u32 = tiles
-            .iter()
-            .map(|t| t.part_size[0] * t.part_size[1])
-            .sum();
+        let pixels: u32 = tiles.iter().map(|t| t.part_size[0] * t.part_size[1]).sum();
         assert_eq!((tiles.len(), pixels), (6, 130 * 70));
         assert_eq!(tiles[2].part_size, [2, 64], "the last of a row is cut");
         assert_eq!(

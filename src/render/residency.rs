@@ -281,7 +281,12 @@ impl Residency {
                 assert!(BRICK_FULL == 2, "every pair of bits of 0xaaaaaaaa");
             }
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-            let constants = buffer(gpu, "residency.constants", Self::CONSTANTS as u64 * 4, usage);
+            let constants = buffer(
+                gpu,
+                "residency.constants",
+                Self::CONSTANTS as u64 * 4,
+                usage,
+            );
             let activity = buffer(
                 gpu,
                 "residency.activity",
@@ -418,10 +423,7 @@ impl Residency {
     /// Texture and place of a slot there.
     fn slot_place(&self, slot: SlotId) -> (u32, UVec3) {
         let per_texture = self.plan.shape.slot_count() as u32;
-        let place = self
-            .plan
-            .shape
-            .slot_place(SlotId(slot.0 % per_texture));
+        let place = self.plan.shape.slot_place(SlotId(slot.0 % per_texture));
         (slot.0 / per_texture, place)
     }
 

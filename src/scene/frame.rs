@@ -386,7 +386,10 @@ mod tests {
         let spans = params(LodRule::Error(1.0))
             .spans(20_000, |i| f64::from(i) / 1000.0)
             .unwrap();
-        let base: Vec<(u8, u32)> = spans.iter().map(|s| (s.lod.0, s.begin << s.lod.0)).collect();
+        let base: Vec<(u8, u32)> = spans
+            .iter()
+            .map(|s| (s.lod.0, s.begin << s.lod.0))
+            .collect();
         assert_eq!(
             base,
             [(0, 0), (1, 2000), (2, 4000), (3, 8000), (4, 16000)],
@@ -402,11 +405,19 @@ mod tests {
         let odd = params(LodRule::Error(1.0))
             .spans(20_000, |i| f64::from(i + 3) / 1000.0)
             .unwrap();
-        assert_eq!(odd[2].begin << 2, 4000, "3997 rounded up to a multiple of 4");
+        assert_eq!(
+            odd[2].begin << 2,
+            4000,
+            "3997 rounded up to a multiple of 4"
+        );
         let coarse = params(LodRule::Error(4.0))
             .spans(20_000, |i| f64::from(i) / 1000.0)
             .unwrap();
-        assert_eq!(coarse[1].begin << 1, 500, "four times the error: four times as near");
+        assert_eq!(
+            coarse[1].begin << 1,
+            500,
+            "four times the error: four times as near"
+        );
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use glam::{DVec3, Vec3};
 
+use super::LodRule;
 use crate::camera::Camera;
 use crate::classify::TransferFunction;
-use super::LodRule;
 use crate::geom::Lod;
 
 /// What is computed along a ray (cli.md, "Colour").

@@ -69,6 +69,36 @@ pub enum StoreError {
         /// The version that this program reads.
         supported: u32,
     },
+    /// The store is still being written, or its bricking was killed.
+    #[error("{}: not finished: {found}; finish it with 'brickscope brick INPUT -o {} --resume' and the options that it \
+             was begun with, unless it is being written right now", path.display(), out.display())]
+    Unfinished {
+        /// The file that was to be opened.
+        path: PathBuf,
+        /// The store that it is to become.
+        out: PathBuf,
+        /// What shows it.
+        found: String,
+    },
+    /// What a killed run left is not what its journal speaks of.
+    #[error("{}: cannot be resumed: {what}; leave out --resume to start from the beginning", path.display())]
+    NotResumable {
+        /// The store that was to become of it.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+    /// The journal of an unfinished store is of another version.
+    #[error("{}: cannot be resumed: expected a journal of version {supported}, found {found}; resume with the brickscope \
+             that began it, or leave out --resume to start from the beginning", path.display())]
+    JournalVersion {
+        /// The store that was to become of it.
+        path: PathBuf,
+        /// Version in the journal.
+        found: u32,
+        /// The version that this program reads.
+        supported: u32,
+    },
     /// The file is shorter or longer than its header says.
     #[error("{}: expected a file of {expected} bytes, found {found}: it was cut or added to (an unfinished copy?); \
              copy it again or brick the source again", path.display())]
@@ -148,6 +178,14 @@ impl Fault {
             format!("CRC32C {expected:08x}"),
             format!("{found:08x}"),
         )
+    }
+
+    /// The error when it is found in what was to be gone on with, for the store at `path`.
+    pub(super) fn not_resumable(self, path: &Path) -> StoreError {
+        StoreError::NotResumable {
+            path: path.to_owned(),
+            what: self.to_string(),
+        }
     }
 
     /// The error for the file at `path`.

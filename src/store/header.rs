@@ -41,6 +41,8 @@ use crate::volume::StoredType;
 pub const HEADER_LEN: usize = 1280;
 /// First bytes of every store.
 pub const MAGIC: [u8; 8] = *b"\x89BSK\r\n\x1a\n";
+/// First bytes of a store that is being written: the header is written last.
+pub const UNFINISHED_MAGIC: [u8; 8] = *b"\x89BSU\r\n\x1a\n";
 /// The version of the format that this program reads and writes.
 pub const VERSION: u32 = 1;
 /// Most levels that a store can have.

@@ -1,7 +1,8 @@
 //! The brick store (`.bsk`): one memory-mapped file of compressed bricks at all levels of detail.
 //!
 //! What is here: the layout of the file ([`header`], [`index`], [`meta`], [`codec`]), a [`StoreWriter`] that appends
-//! records in one pass, and a [`Store`] that reads them. What is not: threads, caches and policy (those are in
+//! records in one pass, its [`journal`] and what a killed process leaves ([`unfinished`]), and a [`Store`] that reads
+//! them. What is not: threads, caches and policy (those are in
 //! `bricking` and `pager`), and how the levels are made (`bricking::downsample`).
 //!
 //! ```text
@@ -23,16 +24,20 @@ pub mod codec;
 pub mod error;
 pub mod header;
 pub mod index;
+pub mod journal;
 pub mod meta;
 pub mod reader;
+pub mod unfinished;
 pub mod verify;
 pub mod voxel;
 pub mod writer;
 
 pub use error::{Part, StoreError};
 pub use index::{BrickEntry, ByteRange};
+pub use journal::{Checkpoint, Journal};
 pub use meta::{Conversion, Histogram, LevelMeta, Percentiles, StoreMeta};
 pub use reader::{BrickData, BrickReader, Level, Store};
+pub use unfinished::{Unfinished, WrittenBricks};
 pub use voxel::Voxel;
 pub use writer::StoreWriter;
 

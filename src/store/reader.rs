@@ -1,7 +1,9 @@
-//! Reading a store: the file is mapped, header, metadata and index are checked once, records when they are read.
+//! Reading a store: the file is mapped; header and metadata are checked at open, each level's index once before its first
+//! use, records when they are read.
 //!
-//! Opening costs one pass over the index (32 bytes per brick: checksum and every entry by itself), so that entries can
-//! be used without further checks; no record is touched. The index stays in the mapping and is never copied.
+//! Opening touches nothing that grows with the volume. [`Store::check_level`] is one pass over a level's index (32 bytes
+//! per brick: checksum and every entry by itself); afterwards its entries are used without further checks. The index stays
+//! in the mapping and is never copied.
 //!
 //! **The file must not change while it is open.** It is mapped: another program that shortens it makes the next access
 //! end this process with SIGBUS, and one that writes into it makes checked bytes wrong. Its length is checked at open.
@@ -10,6 +12,7 @@
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use glam::DVec3;
 use memmap2::Mmap;
@@ -17,10 +20,15 @@ use memmap2::Mmap;
 use super::StoreMeta;
 use super::codec::{self, RANGES_LEN};
 use super::error::{Fault, Part, StoreError};
-use super::header::{HEADER_LEN, Header, MAGIC, VERSION};
+use super::header::{HEADER_LEN, Header, MAGIC, UNFINISHED_MAGIC, VERSION};
 use super::index::{BrickEntry, ENTRY_LEN};
+use super::writer::STORE_FILE;
 use crate::geom::{BLOCKS_PER_BRICK, BrickGrid, BrickId, Lod, STORED_VOXELS};
+use crate::outfile::PartialFolder;
 use crate::volume::StoredType;
+
+/// Index entries that are checked at once: small enough to be in the cache for the second look.
+const CHECKED_AT_ONCE: usize = 1024;
 
 /// A level of an open store.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +47,8 @@ pub struct Store {
     header: Header,
     meta: StoreMeta,
     levels: Vec<Level>,
+    /// What the check of each level's index found, once it was made.
+    checked: Vec<OnceLock<Result<(), Fault>>>,
 }
 
 /// A decoded brick.
@@ -68,6 +78,39 @@ impl BrickReader {
         })
     }
 
+    /// Decodes a record, after its checksum.
+    pub(super) fn decode(
+        &mut self,
+        id: BrickId,
+        entry: &BrickEntry,
+        record: &[u8],
+        stored_type: StoredType,
+    ) -> Result<(), Fault> {
+        let offset = entry.record.map_or(0, |r| r.offset);
+        let crc = crc32c::crc32c(record);
+        if crc != entry.crc {
+            return Err(Fault::crc(Part::Brick(id), offset, entry.crc, crc));
+        }
+        let expected = codec::plain_len(stored_type);
+        self.plain.resize(expected, 0);
+        let found = self
+            .decompressor
+            .decompress_to_buffer(record, &mut self.plain[..]);
+        let damaged = |found: String| {
+            Fault::new(
+                Part::Brick(id),
+                offset,
+                format!("a zstd frame of {expected} bytes"),
+                found,
+            )
+        };
+        match found {
+            Ok(n) if n == expected => Ok(()),
+            Ok(n) => Err(damaged(format!("one of {n}"))),
+            Err(error) => Err(damaged(error.to_string())),
+        }
+    }
+
     /// The block ranges of the record decoded last, as they are stored.
     pub(super) fn quantised_ranges(&self) -> &[u8] {
         &self.plain[..RANGES_LEN]
@@ -80,15 +123,25 @@ impl BrickReader {
 }
 
 impl Store {
-    /// Opens the store at `path` and checks everything but its records.
+    /// Opens the store at `path` and checks header and metadata, whatever the number of bricks.
     ///
     /// # Errors
-    /// It can't be read, is not a store, is of another version or another length, or header, metadata or index are
-    /// damaged.
+    /// It can't be read, is not a store, is not finished, is of another version or another length, or header or metadata
+    /// are damaged.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let file = File::open(path).map_err(StoreError::io(path, "open"))?;
+        let file = File::open(path).map_err(|error| {
+            if error.kind() == io::ErrorKind::NotFound && PartialFolder::path_for(path).is_dir() {
+                unfinished(path, path, "only its unfinished parts are there".into())
+            } else {
+                StoreError::io(path, "open")(error)
+            }
+        })?;
         let info = file.metadata().map_err(StoreError::io(path, "read"))?;
         if info.is_dir() {
+            if path.join(STORE_FILE).is_file() {
+                // The folder of unfinished parts itself.
+                return Self::open(&path.join(STORE_FILE));
+            }
             return Err(StoreError::NotAStore {
                 path: path.to_owned(),
                 found: "a folder".into(),
@@ -118,7 +171,7 @@ impl Store {
             return Err(fault.at(path));
         }
         let meta = StoreMeta::from_json(text, &header).map_err(|f| f.at(path))?;
-        let levels = meta
+        let levels: Vec<Level> = meta
             .levels
             .iter()
             .map(|level| Level {
@@ -127,15 +180,43 @@ impl Store {
                 scale: level.scale,
             })
             .collect();
-        let store = Self {
+        let checked = levels.iter().map(|_| OnceLock::new()).collect();
+        Ok(Self {
             path: path.to_owned(),
             map,
             header,
             meta,
             levels,
-        };
-        store.check_index().map_err(|f| f.at(path))?;
-        Ok(store)
+            checked,
+        })
+    }
+
+    /// Checks the index of a level: its checksum, and every entry by itself. Only the first call does, the others tell
+    /// what it found; from any thread. Panics when there is no such level.
+    ///
+    /// # Errors
+    /// The index is damaged.
+    pub fn check_level(&self, lod: Lod) -> Result<(), StoreError> {
+        match self.index_fault(lod) {
+            None => Ok(()),
+            Some(fault) => Err(fault.clone().at(&self.path)),
+        }
+    }
+
+    /// As [`Self::check_level`], of every level.
+    ///
+    /// # Errors
+    /// The index of some level is damaged.
+    pub fn check_all_levels(&self) -> Result<(), StoreError> {
+        (0..self.levels.len()).try_for_each(|l| self.check_level(Lod(l as u8)))
+    }
+
+    /// What [`Self::check_level`] finds, as a fault.
+    pub fn index_fault(&self, lod: Lod) -> Option<&Fault> {
+        self.checked[usize::from(lod.0)]
+            .get_or_init(|| self.check_index(lod))
+            .as_ref()
+            .err()
     }
 
     /// What the store says of its volume.
@@ -179,17 +260,23 @@ impl Store {
         (0..grid.len()).map(move |i| BrickId::new(lod, grid.xyz(i)))
     }
 
-    /// What the index says of a brick: a few loads from the mapping. Panics when there is no such brick.
+    /// What the index says of a brick: a few loads from the mapping. [`Self::check_level`] must have found its level
+    /// sound. Panics when there is no such brick.
     pub fn entry(&self, id: BrickId) -> BrickEntry {
+        debug_assert!(
+            matches!(self.checked[usize::from(id.lod.0)].get(), Some(Ok(()))),
+            "invariant: the index of {} was checked before its first use",
+            id.lod
+        );
         let bytes = self.entry_bytes(id.lod, self.brick_index(id));
         BrickEntry::parse(bytes, self.header.stored_type, self.records_range())
-            .expect("invariant: all entries were checked at open")
+            .expect("invariant: the index of the level was checked, and is sound")
     }
 
-    /// Reads and decodes a brick into fresh buffers; a Constant one is filled in.
+    /// Reads and decodes a brick into fresh buffers; a Constant one is filled in. Checks its level if nobody has.
     ///
     /// # Errors
-    /// The record is damaged.
+    /// The record, or the index of its level, is damaged.
     pub fn read_brick(
         &self,
         id: BrickId,
@@ -203,13 +290,14 @@ impl Store {
     /// As [`Self::read_brick`], into buffers that are used again.
     ///
     /// # Errors
-    /// The record is damaged; `data` then holds nothing of use.
+    /// The record, or the index of its level, is damaged; `data` then holds nothing of use.
     pub fn read_brick_into(
         &self,
         id: BrickId,
         reader: &mut BrickReader,
         data: &mut BrickData,
     ) -> Result<(), StoreError> {
+        self.check_level(id.lod)?;
         let stored_type = self.header.stored_type;
         let entry = self.entry(id);
         data.voxels.resize(STORED_VOXELS * stored_type.size(), 0);
@@ -232,14 +320,6 @@ impl Store {
             ]
         }));
         unshuffle_le(stored_type, reader.planes(), &mut data.voxels);
-        Ok(())
-    }
-
-    /// Placeholder until the index is checked level by level.
-    ///
-    /// # Errors
-    /// None yet.
-    pub fn check_level(&self, _lod: Lod) -> Result<(), StoreError> {
         Ok(())
     }
 
@@ -279,28 +359,8 @@ impl Store {
             return Ok(false);
         };
         let record = section(&self.map, place.offset, u64::from(place.len));
-        let crc = crc32c::crc32c(record);
-        if crc != entry.crc {
-            return Err(Fault::crc(Part::Brick(id), place.offset, entry.crc, crc));
-        }
-        let expected = codec::plain_len(self.header.stored_type);
-        reader.plain.resize(expected, 0);
-        let found = reader
-            .decompressor
-            .decompress_to_buffer(record, &mut reader.plain[..]);
-        let damaged = |found: String| {
-            Fault::new(
-                Part::Brick(id),
-                place.offset,
-                format!("a zstd frame of {expected} bytes"),
-                found,
-            )
-        };
-        match found {
-            Ok(n) if n == expected => Ok(true),
-            Ok(n) => Err(damaged(format!("one of {n}"))),
-            Err(error) => Err(damaged(error.to_string())),
-        }
+        reader.decode(id, entry, record, self.header.stored_type)?;
+        Ok(true)
     }
 
     /// The bytes of a part of the file, which must lie inside it.
@@ -332,25 +392,40 @@ impl Store {
             .expect("invariant: a section has the length that was asked for")
     }
 
-    /// Checksum of every level's index, and every entry by itself.
-    fn check_index(&self) -> Result<(), Fault> {
-        for (l, place) in self.header.levels.iter().enumerate() {
-            let lod = Lod(l as u8);
-            let bytes = section(&self.map, place.offset, place.len);
-            let crc = crc32c::crc32c(bytes);
-            if crc != place.crc {
-                return Err(Fault::crc(Part::Index(lod), place.offset, place.crc, crc));
+    /// Checksum of a level's index, and every entry by itself.
+    fn check_index(&self, lod: Lod) -> Result<(), Fault> {
+        let place = self.header.level(lod);
+        let (entries, _) = section(&self.map, place.offset, place.len).as_chunks::<ENTRY_LEN>();
+        let mut crc = 0;
+        // Told only if the checksum holds: else that is what is wrong.
+        let mut first_bad = None;
+        for (piece, entries) in entries.chunks(CHECKED_AT_ONCE).enumerate() {
+            crc = crc32c::crc32c_append(crc, entries.as_flattened());
+            if first_bad.is_some() {
+                continue;
             }
-            for (i, entry) in bytes.as_chunks::<ENTRY_LEN>().0.iter().enumerate() {
-                BrickEntry::parse(entry, self.header.stored_type, self.records_range()).map_err(
-                    |(expected, found)| {
-                        let offset = place.offset + (i * ENTRY_LEN) as u64;
-                        Fault::new(Part::Index(lod), offset, expected, found)
-                    },
-                )?;
-            }
+            first_bad = entries.iter().enumerate().find_map(|(i, entry)| {
+                let parsed =
+                    BrickEntry::parse(entry, self.header.stored_type, self.records_range());
+                let at = place.offset + ((piece * CHECKED_AT_ONCE + i) * ENTRY_LEN) as u64;
+                parsed
+                    .err()
+                    .map(|(expected, found)| Fault::new(Part::Index(lod), at, expected, found))
+            });
         }
-        Ok(())
+        if crc != place.crc {
+            return Err(Fault::crc(Part::Index(lod), place.offset, place.crc, crc));
+        }
+        first_bad.map_or(Ok(()), Err)
+    }
+}
+
+/// The error for something that is to become the store `out`.
+fn unfinished(path: &Path, out: &Path, found: String) -> StoreError {
+    StoreError::Unfinished {
+        path: path.to_owned(),
+        out: out.to_owned(),
+        found,
     }
 }
 
@@ -362,6 +437,10 @@ fn read_header(path: &Path, file: &File, len: u64) -> Result<Header, StoreError>
         .read_to_end(&mut start)
         .map_err(StoreError::io(path, "read the header"))?;
     let shared = start.len().min(MAGIC.len());
+    if start.starts_with(&UNFINISHED_MAGIC) {
+        let found = "its header is not written yet".into();
+        return Err(unfinished(path, Path::new("OUT.bsk"), found));
+    }
     if start.is_empty() || start[..shared] != MAGIC[..shared] {
         return Err(StoreError::NotAStore {
             path: path.to_owned(),

@@ -1,7 +1,8 @@
 //! Checks of a store by itself: what lies between the sections, whether records overlap, and each brick's voxels against
 //! its record, its entry and its block ranges.
 //!
-//! Opening has already checked header, metadata and index. Borders and levels are checked in `bricking::verify`, which
+//! Opening has already checked header and metadata; every level's index must have been checked and be sound
+//! ([`Store::check_all_levels`]). Borders and levels are checked in `bricking::verify`, which
 //! knows how they are made; so is the work divided among threads.
 
 use super::codec::{self, BlockRanges, RANGES_LEN};
@@ -115,14 +116,14 @@ impl<T: Voxel> BrickChecker<T> {
         if let Some(v) = voxels.iter().find(|v| !v.to_f32().is_finite()) {
             return bad("finite voxels".into(), v.to_string());
         }
-        self.ranges.measure(voxels);
-        let (low, high) = self.ranges.whole();
-        if codec::is_constant(low, high, voxels) {
+        if codec::is_constant(voxels) {
             return bad(
                 "an entry marked Constant, since all voxels are equal".into(),
                 "a record".into(),
             );
         }
+        self.ranges.measure(voxels);
+        let (low, high) = self.ranges.whole();
         if (low.to_f32(), high.to_f32()) != (entry.min, entry.max) {
             return bad(
                 format!(

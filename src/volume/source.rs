@@ -33,6 +33,12 @@ pub trait VoxelSource: Send {
     /// # Errors
     /// The source ends early, can't be read, or its compressed stream is damaged.
     fn read_box(&mut self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError>;
+
+    /// What tells the source as it is from a later state with the same description, in words: length and time of the last
+    /// change of a file. Empty when there is nothing to tell, as for computed voxels.
+    fn stamp(&self) -> String {
+        String::new()
+    }
 }
 
 /// Why an input can't be read.

@@ -8,4 +8,6 @@ mod data;
 mod extract;
 #[cfg(unix)]
 mod interrupted;
+#[cfg(unix)]
+mod resumed;
 mod run;

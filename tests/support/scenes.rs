@@ -31,8 +31,10 @@ pub fn store_of(source: &mut dyn VoxelSource) -> TestStore {
     let path = folder.path().join("test.bsk");
     bricking::brick(source, &path, &BrickOptions::default(), &NoProgress)
         .expect("the source can be bricked");
+    let store = Store::open(&path).expect("a store just written opens");
+    store.check_all_levels().expect("its indices are sound");
     TestStore {
-        store: Arc::new(Store::open(&path).expect("a store just written opens")),
+        store: Arc::new(store),
         _folder: folder,
     }
 }

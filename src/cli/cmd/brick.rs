@@ -19,7 +19,8 @@ use crate::volume::{StoredType, VoxelSource, VoxelType};
 #[command(after_help = "Examples:\n  \
     brickscope brick scan.nii.gz -o scan.bsk\n  \
     brickscope brick scan.raw --dims 512,512,300 --type i16 --spacing 0.7,0.7,1.5 -o scan.bsk\n  \
-    brickscope brick phantom:body:256,256,256:u16 -o body.bsk --memory 256MiB")]
+    brickscope brick phantom:body:256,256,256:u16 -o body.bsk --memory 256MiB\n  \
+    brickscope brick large.nrrd -o large.bsk --resume")]
 pub struct Args {
     /// The volume: a file (found out by its content), or phantom:NAME:X,Y,Z[:TYPE]
     #[arg(value_name = "INPUT", allow_hyphen_values = true)]
@@ -48,6 +49,16 @@ pub struct Args {
     /// Type of the stored voxels; u8 and u16 are refused when a value does not fit
     #[arg(long, value_name = "auto|u8|u16|f32", default_value = "auto", value_parser = store_type)]
     store_type: StoreType,
+
+    /// Go on with a run of this very command that was killed: same INPUT, same OUT, same options
+    ///
+    /// While it works, brick keeps what is done and a journal of it in the hidden folder .OUT.brickscope-partial beside
+    /// OUT. Being killed (kill -9, out of memory, power) leaves that folder; with --resume the work goes on from the last
+    /// finished layer of bricks, and the store is the same to the byte. Another input or other options are refused;
+    /// --memory and --threads may differ. With nothing to resume it starts from the beginning and says so. Without
+    /// --resume the folder is removed and the work starts from the beginning. Ctrl-C and errors remove it, too.
+    #[arg(long)]
+    resume: bool,
 
     /// Replace OUT if it exists
     #[arg(long)]
@@ -139,7 +150,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         } else {
             Existing::Refuse
         },
-        finite_range: None,
+        resume: args.resume,
+        ..BrickOptions::default()
     };
     let open = || input::open(&args.input, raw);
     let bar = Bar::default();
@@ -153,6 +165,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         source = open()?;
         let options = BrickOptions {
             finite_range,
+            // What the attempt before had written is gone.
+            resume: false,
             ..options
         };
         result = bricking::brick(&mut *source, &args.output, &options, &bar);
@@ -218,7 +232,7 @@ fn print(report: &BrickingReport, source: &dyn VoxelSource, bar: &Bar) -> anyhow
         ),
     };
     let seconds = report.seconds.max(1e-9);
-    let rate = report.bytes_in as f64 / 1e6 / seconds;
+    let rate = (report.bytes_in - report.bytes_resumed) as f64 / 1e6 / seconds;
     let mut out = io::stdout().lock();
     let lines = [
         ("voxels", report.voxels.to_string()),

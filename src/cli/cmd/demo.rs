@@ -98,7 +98,7 @@ fn pictures(meta: &StoreMeta) -> anyhow::Result<[(&'static str, PictureSettings)
             interpolation: Interpolation::Linear,
             refine: true,
             lod: LodChoice::Auto,
-        lod_error: PictureSettings::LOD_ERROR,
+            lod_error: PictureSettings::LOD_ERROR,
             opacity_cutoff: 0.99,
             technique: Technique::Default,
             camera: Camera::orbit(&bounds, azimuth, elevation, 1.15, DEFAULT_FOV_Y_DEGREES)?,

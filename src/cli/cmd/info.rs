@@ -26,9 +26,10 @@ pub struct Args {
 /// Prints size, place, values, levels and source of the store.
 ///
 /// # Errors
-/// The store can't be opened.
+/// The store can't be opened, or an index is damaged.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let store = Store::open(&args.store)?;
+    store.check_all_levels()?;
     let counts: Vec<LevelCount> = (0..store.levels()).map(|l| count(&store, l)).collect();
     let mut out = io::stdout().lock();
     if args.json {

@@ -30,7 +30,11 @@ pub struct Args {
 /// The file is no store, or not a whole one.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut out = io::stdout().lock();
-    let store = match Store::open(&args.store) {
+    let checked = Store::open(&args.store).and_then(|store| {
+        store.check_all_levels()?;
+        Ok(store)
+    });
+    let store = match checked {
         Ok(store) => store,
         Err(error) if error.is_damage_inside() => {
             writeln!(out, "{error}")?;

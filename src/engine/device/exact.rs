@@ -178,7 +178,9 @@ impl ExactRun {
             });
         }
         if let Some(pixel) = report.first_stopped {
-            self.request(gpu, renderer, volume, inputs, &tile, &report, &touched, pixel)?;
+            self.request(
+                gpu, renderer, volume, inputs, &tile, &report, &touched, pixel,
+            )?;
         }
         self.current = Some((tile, report.pending_groups));
         Ok(Progress::Advanced)
@@ -222,8 +224,7 @@ impl ExactRun {
         let allowed = DISPATCH_TIME[usize::from(gpu.caps.is_software)];
         if took > allowed {
             let share = allowed.as_secs_f64() / took.as_secs_f64();
-            self.sample_limit =
-                ((f64::from(self.sample_limit) * share) as u32).max(LEAST_LIMIT);
+            self.sample_limit = ((f64::from(self.sample_limit) * share) as u32).max(LEAST_LIMIT);
         } else if took < allowed / 2 && report.unfinished > report.stopped {
             self.sample_limit = self.sample_limit.saturating_mul(2);
         }

@@ -165,7 +165,10 @@ impl GpuDevice {
     }
 
     /// A piece of work on the picture that was set.
-    pub(in crate::engine) fn tick(&mut self, budget: &TickBudget) -> Result<TickReport, EngineError> {
+    pub(in crate::engine) fn tick(
+        &mut self,
+        budget: &TickBudget,
+    ) -> Result<TickReport, EngineError> {
         let Some(mut live) = self.live.take() else {
             return Ok(TickReport::default());
         };

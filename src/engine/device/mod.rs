@@ -68,9 +68,7 @@ impl GpuDevice {
         let grids = (0..levels)
             .map(|l| store.level(Lod(l as u8)).grid)
             .collect();
-        let budget_bytes = options
-            .gpu_memory_bytes
-            .unwrap_or(DEFAULT_BYTES[usize::from(gpu.caps.is_software)]);
+        let budget_bytes = default_budget(&gpu, options);
         Ok(Self {
             gpu,
             renderer,
@@ -89,6 +87,22 @@ impl GpuDevice {
             "{} ({} {})",
             self.gpu.info.name, self.gpu.info.driver, self.gpu.info.driver_info
         )
+    }
+
+    /// Other bounds of memory: whatever is resident goes, pipelines stay.
+    pub(super) fn set_budgets(&mut self, gpu_memory_bytes: Option<u64>, ram_bytes: u64) {
+        self.options.gpu_memory_bytes = gpu_memory_bytes;
+        self.options.ram_bytes = ram_bytes;
+        self.budget_bytes = default_budget(&self.gpu, &self.options);
+        self.forget();
+    }
+
+    /// Drops everything that is resident on the device and decoded in host memory.
+    pub(super) fn forget(&mut self) {
+        self.volume = None;
+        if let Some(live) = &mut self.live {
+            live.restart();
+        }
     }
 
     /// Draws a picture, with less memory than allowed if the device has not so much.
@@ -278,7 +292,9 @@ impl GpuDevice {
 
     /// What loading has cost so far.
     fn traffic(&self) -> Traffic {
-        self.volume.as_ref().map_or_else(Traffic::default, |v| v.traffic)
+        self.volume
+            .as_ref()
+            .map_or_else(Traffic::default, |v| v.traffic)
     }
 
     /// What is known of a picture that was begun at `before`, but of its rays.
@@ -307,6 +323,13 @@ impl GpuDevice {
             ..PictureStats::default()
         })
     }
+}
+
+/// What was asked for, or as much as is used by default.
+fn default_budget(gpu: &GpuContext, options: &EngineOptions) -> u64 {
+    options
+        .gpu_memory_bytes
+        .unwrap_or(DEFAULT_BYTES[usize::from(gpu.caps.is_software)])
 }
 
 /// The share of the budget for staging.

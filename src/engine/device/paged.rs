@@ -10,8 +10,8 @@ use crate::classify::Visibility;
 use crate::geom::{BLOCKS_PER_BRICK, BrickGrid, BrickId, Lod, STORED_VOXELS};
 use crate::gpu::{GpuContext, Staging};
 use crate::pager::{
-    Completion, FrameRequests, Loaded, Loader, Pager, PagerBudget, Priority, Request,
-    RequestClass, SlotId, SlotPool, StepLimits, Upload, scan,
+    Completion, FrameRequests, Loaded, Loader, Pager, PagerBudget, Priority, Request, RequestClass,
+    SlotId, SlotPool, StepLimits, Upload, scan,
 };
 use crate::render::{Activity, AtlasPlan, MissedBrick, Residency};
 use crate::scene::RayFrame;
@@ -90,15 +90,13 @@ impl PagedVolume {
         let stored = store.meta().stored_type;
         let residency = Residency::new(gpu, stored, options.filter, plan, grids.clone())?;
         let staging = Staging::new(gpu, Residency::staging_chunk_bytes(), staging_bytes);
-        let count = plan
-            .slot_count()
-            .min(options.max_slots.unwrap_or(u64::MAX)) as u32;
+        let count = plan.slot_count().min(options.max_slots.unwrap_or(u64::MAX)) as u32;
         let slots = match options.slot_order_seed {
             0 => SlotPool::new(count),
             seed => SlotPool::with_order(shuffled_slots(count, seed)),
         };
-        let brick_bytes = (STORED_VOXELS * stored.size()
-            + size_of::<[[f32; 2]; BLOCKS_PER_BRICK]>()) as u64;
+        let brick_bytes =
+            (STORED_VOXELS * stored.size() + size_of::<[[f32; 2]; BLOCKS_PER_BRICK]>()) as u64;
         let max_decoding = options.decode_threads * LOADS_PER_THREAD;
         let mut pager = Pager::new(
             slots,
@@ -270,7 +268,8 @@ impl PagedVolume {
         stopped: u32,
     ) -> Request {
         let level = rays.levels.iter().find(|l| l.lod == brick.lod);
-        let middle = (brick.xyz.as_dvec3() + DVec3::splat(0.5)) * f64::from(crate::geom::BRICK_EDGE);
+        let middle =
+            (brick.xyz.as_dvec3() + DVec3::splat(0.5)) * f64::from(crate::geom::BRICK_EDGE);
         let distance_mm = level.map_or(0.0, |l| {
             let world = l.world_from_level.transform_point3(middle);
             world.distance(rays.world_from_view.translation)
@@ -326,7 +325,11 @@ impl PagedVolume {
     ///
     /// # Errors
     /// The device is lost.
-    pub(super) fn advance(&mut self, gpu: &GpuContext, upload_bytes: u64) -> Result<(), EngineError> {
+    pub(super) fn advance(
+        &mut self,
+        gpu: &GpuContext,
+        upload_bytes: u64,
+    ) -> Result<(), EngineError> {
         self.receive_ready();
         self.step(gpu, upload_bytes)?;
         self.write(gpu)?;
@@ -435,8 +438,7 @@ impl PagedVolume {
             .iter()
             .map(|(u, data)| (*u, data.voxels.as_slice()))
             .collect();
-        self.traffic.bytes_uploaded +=
-            self.residency.upload(gpu, &mut self.staging, &voxels)?;
+        self.traffic.bytes_uploaded += self.residency.upload(gpu, &mut self.staging, &voxels)?;
         self.traffic.bricks_uploaded += voxels.len() as u64;
         self.uploads.clear();
         self.residency.write_activity(gpu);
@@ -467,11 +469,7 @@ impl PagedVolume {
 
     /// The bricks with voxels that the segment between two positions of a level may need, offsets in level voxels from
     /// `anchor`.
-    pub(super) fn bricks_of_segment(
-        &self,
-        lod: Lod,
-        [from, to]: [DVec3; 2],
-    ) -> Vec<BrickId> {
+    pub(super) fn bricks_of_segment(&self, lod: Lod, [from, to]: [DVec3; 2]) -> Vec<BrickId> {
         let grid = &self.grids[usize::from(lod.0)];
         let last = (grid.bricks - 1).as_dvec3();
         // Positions on the device are rounded to f32.

@@ -69,8 +69,7 @@ pub(in crate::render) struct RaycastTargets {
 
 impl RaycastTargets {
     /// Bytes per pixel: picture and counts with their read-back copies, and the ray's state.
-    pub(in crate::render) const BYTES_PER_PIXEL: u64 =
-        (16 + 8) * 2 + size_of::<RayState>() as u64;
+    pub(in crate::render) const BYTES_PER_PIXEL: u64 = (16 + 8) * 2 + size_of::<RayState>() as u64;
 
     /// Per pixel, where its ray stands.
     pub(in crate::render) fn rays(&self) -> &wgpu::Buffer {
