@@ -10,7 +10,7 @@ use brickscope::engine::{
     DeviceChoice, Engine, EngineError, EngineOptions, Picture, TickBudget, TickEvent,
 };
 use brickscope::geom::{BrickId, Lod};
-use brickscope::scene::{Image, LodChoice, PictureSettings, PictureStats};
+use brickscope::scene::{Image, PictureStats};
 use brickscope::store::Store;
 use glam::UVec3;
 use serde::{Deserialize, Serialize};
@@ -37,8 +37,8 @@ pub(crate) struct Job {
 pub(crate) enum Task {
     /// One picture by `Engine::render`: a [`Cost`]. Its pixels go to a file.
     Render { view: View, pixels: PathBuf },
-    /// One picture by `Engine::tick`: a [`LiveCost`]. With `warm`, the engine has drawn a picture of the coarsest level
-    /// before.
+    /// One picture by `Engine::tick`: a [`LiveCost`]. With `warm`, the engine has drawn a small picture
+    /// before, and dropped all bricks.
     Live {
         view: View,
         warm: bool,
@@ -176,19 +176,14 @@ impl Job {
 }
 
 impl Bench {
-    /// Builds the pipelines: a small picture of the coarsest level. Its atlas is too small for any other picture, so that
-    /// the next one begins with nothing resident.
+    /// Builds the pipelines by drawing the picture once, and drops every brick.
     fn warm_up(&mut self, view: &View) -> anyhow::Result<()> {
-        let coarsest = Lod(self.store.levels() as u8 - 1);
-        let settings = PictureSettings {
-            size: [8, 8],
-            lod: LodChoice::Fixed(coarsest),
-            ..view.settings(self.store.meta())?
-        };
-        self.engine.set_picture(settings);
+        let small = View { size: 16, ..*view };
+        self.engine.set_picture(small.settings(self.store.meta())?);
         while !self.engine.is_converged() {
             self.engine.tick(&TickBudget::default())?;
         }
+        self.engine.forget_bricks();
         drop_from_page_cache(self.store.path())
     }
 

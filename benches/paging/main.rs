@@ -13,7 +13,7 @@
 //! a frame with everything resident (`frame`), or pictures against another renderer (tests do).
 //!
 //! `cargo bench --bench paging -- STORE.bsk [--iso VALUE] [--only PART,…] [--gpu-memory SIZE] [--ram SIZE] [--size N]
-//! [--view-size N] [--step S] [--pictures FOLDER] [--device NAME]`
+//! [--view-size N] [--zoom Z] [--step S] [--pictures FOLDER] [--device NAME]`
 
 #[cfg(not(all(feature = "gpu", target_os = "linux")))]
 fn main() {

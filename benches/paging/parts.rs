@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
 use brickscope::cli::args::ByteSize;
 use brickscope::export::write_png;
 use brickscope::geom::BrickId;
@@ -57,6 +57,9 @@ struct Args {
     /// The same in the other parts
     #[arg(long, default_value_t = 512)]
     view_size: u32,
+    /// Zoom of `orbit`: above 1, a view shows a part of the volume, from finer levels
+    #[arg(long, default_value_t = 1.0)]
+    zoom: f64,
     /// Distance of samples
     #[arg(long, default_value_t = 0.5)]
     step: f64,
@@ -123,6 +126,7 @@ impl Run {
             iso: self.args.iso,
             azimuth: 0.0,
             elevation: 0.0,
+            zoom: 1.0,
         }
     }
 
@@ -353,7 +357,10 @@ impl Run {
     fn orbit(&self) -> anyhow::Result<()> {
         let Args { view_size, .. } = self.args;
         heading(
-            &format!("Orbit of {ORBIT} views, {view_size}²"),
+            &format!(
+                "Orbit of {ORBIT} views, {view_size}², zoom {}",
+                self.args.zoom
+            ),
             &[
                 "mode",
                 "slots",
@@ -375,6 +382,7 @@ impl Run {
                 .map(|k| View {
                     azimuth: f64::from(k) * 360.0 / f64::from(ORBIT),
                     elevation: 15.0,
+                    zoom: self.args.zoom,
                     ..self.view(look, view_size)
                 })
                 .collect();
@@ -388,8 +396,11 @@ impl Run {
                 };
                 Ok(measure(&job, &Conditions::default())?.result)
             };
+            let trace_of = |costs: &[Cost]| -> Vec<Vec<BrickId>> {
+                costs.iter().map(Cost::working_set).collect()
+            };
             let ample = drawn(None)?;
-            let trace: Vec<Vec<BrickId>> = ample.iter().map(Cost::working_set).collect();
+            let trace = trace_of(&ample);
             let pinned = ample[0].pinned;
             let union: BTreeSet<BrickId> = trace.iter().flatten().copied().collect();
             let largest = trace.iter().map(Vec::len).max().unwrap_or(0);
@@ -403,8 +414,8 @@ impl Run {
                     0 => ample.clone(),
                     _ => drawn(Some(slots as u64 + pinned))?,
                 };
-                let again: Vec<_> = costs.iter().map(Cost::working_set).collect();
-                ensure!(again == trace, "the same views sampled other bricks");
+                // Its own trace: where the blocks of an absent brick are not known, more is sampled.
+                let trace = trace_of(&costs);
                 let touched: usize = trace.iter().map(Vec::len).sum();
                 // Pinned bricks come once, and are not of the trace.
                 let uploaded = costs.iter().map(|c| c.bricks_uploaded).sum::<u64>() - pinned;
@@ -432,6 +443,7 @@ impl Run {
             ),
             &[
                 "edit",
+                "slots",
                 "next picture ms",
                 "event",
                 "converged s",
@@ -462,7 +474,8 @@ impl Run {
         let costs: Measured<Vec<LiveCost>> = measure(&job, &Conditions::default())?;
         for (number, ((name, _), live)) in edits.iter().zip(&costs.result).enumerate() {
             println!(
-                "| {name} | {:.0} | {} | {} | {} | {:.0} | {} | {} | {} |",
+                "| {name} | {} | {:.0} | {} | {} | {} | {:.0} | {} | {} | {} |",
+                live.cost.atlas_slots,
                 live.first_ms,
                 live.first_event,
                 live.converged_secs(),

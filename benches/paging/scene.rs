@@ -56,6 +56,7 @@ pub(crate) struct View {
     pub(crate) iso: Option<f64>,
     pub(crate) azimuth: f64,
     pub(crate) elevation: f64,
+    pub(crate) zoom: f64,
 }
 
 impl View {
@@ -102,7 +103,7 @@ impl View {
             lod_error: PictureSettings::LOD_ERROR,
             opacity_cutoff: 0.99,
             technique: Technique::Default,
-            camera: Camera::orbit(&bounds, self.azimuth, self.elevation, 1.0, 30.0)?,
+            camera: Camera::orbit(&bounds, self.azimuth, self.elevation, self.zoom, 30.0)?,
         })
     }
 }
