@@ -834,6 +834,7 @@ fn small_store() -> (tempfile::TempDir, Arc<Store>) {
     )
     .unwrap();
     let store = Arc::new(Store::open(&path).unwrap());
+    store.check_all_levels().unwrap();
     (folder, store)
 }
 

@@ -74,6 +74,9 @@ struct Args {
     bench: bool,
 }
 
+/// Measures a part, and prints its table.
+type Show = fn(&Run) -> anyhow::Result<()>;
+
 /// The bench under way.
 struct Run {
     args: Args,
@@ -101,7 +104,7 @@ pub(crate) fn run() -> anyhow::Result<()> {
         run.args.step,
         mib(run.args.ram.0)
     );
-    let parts: [(Part, fn(&Run) -> anyhow::Result<()>); 6] = [
+    let parts: [(Part, Show); 6] = [
         (Part::Equality, Run::equality),
         (Part::First, Run::first),
         (Part::Overfetch, Run::overfetch),

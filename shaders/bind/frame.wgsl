@@ -2,7 +2,3 @@
 
 @group(0) @binding(0) var<uniform> frame: FrameUniforms;
 @group(0) @binding(1) var<storage, read> lut: array<vec4f>;
-
-fn frame_has(flag: u32) -> bool {
-    return (frame.flags & flag) != 0u;
-}

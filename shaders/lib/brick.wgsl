@@ -19,20 +19,19 @@ struct Brick {
 }
 
 // Number of a brick among those of all levels.
-fn brick_number(level: u32, xyz: vec3i) -> u32 {
-    let bricks = frame.levels[level].bricks;
-    return bricks.w + (u32(xyz.z) * bricks.y + u32(xyz.y)) * bricks.x + u32(xyz.x);
+fn brick_number(grid: Grid, xyz: vec3i) -> u32 {
+    let bricks = vec3u(grid.last + 1);
+    return grid.first_number + (u32(xyz.z) * bricks.y + u32(xyz.y)) * bricks.x + u32(xyz.x);
 }
 
 // BRICK_* bits of a brick that lies inside its level.
-fn brick_activity_of(level: u32, xyz: vec3i) -> u32 {
-    let number = brick_number(level, xyz);
+fn brick_activity_of(grid: Grid, xyz: vec3i) -> u32 {
+    let number = brick_number(grid, xyz);
     return (brick_activity[number >> 4u] >> ((number & 15u) * 2u)) & 3u;
 }
 
-fn brick_word(level: u32, xyz: vec3i) -> u32 {
-    let last = vec3i(frame.levels[level].bricks.xyz) - 1;
-    return textureLoad(indirection, clamp(xyz, vec3i(0), last) + vec3i(frame.levels[level].indirection_origin.xyz), 0).x;
+fn brick_word(grid: Grid, xyz: vec3i) -> u32 {
+    return textureLoad(indirection, clamp(xyz, vec3i(0), grid.last) + grid.indirection_origin, 0).x;
 }
 
 // A slot's place is packed as texture (2 bits) and z, y, x (9 bits each).
@@ -46,16 +45,14 @@ fn brick_slot_number(word: u32) -> u32 {
     return ((texture * frame.atlas_slots.z + place.z) * frame.atlas_slots.y + place.y) * frame.atlas_slots.x + place.x;
 }
 
-// The brick of `level` that holds `offset`.
-fn brick_at(level: u32, offset: vec3f) -> Brick {
-    let anchor = frame.levels[level].anchor.xyz;
-    let last = vec3i(frame.levels[level].bricks.xyz) - 1;
-    let xyz = clamp((anchor + vec3i(floor(offset))) >> vec3u(BRICK_SHIFT), vec3i(0), last);
-    let word = brick_word(level, xyz);
+// The brick of the level that holds `offset`.
+fn brick_at(grid: Grid, offset: vec3f) -> Brick {
+    let xyz = clamp((grid.anchor + vec3i(floor(offset))) >> vec3u(BRICK_SHIFT), vec3i(0), grid.last);
+    let word = brick_word(grid, xyz);
     var brick: Brick;
     brick.xyz = xyz;
-    brick.level = level;
-    brick.origin = vec3f(xyz * i32(BRICK_EDGE) - anchor);
+    brick.level = grid.level;
+    brick.origin = vec3f(xyz * i32(BRICK_EDGE) - grid.anchor);
     brick.tag = word >> TAG_SHIFT;
     brick.is_absent = brick.tag == TAG_ABSENT;
     brick.constant = frame.value_floor;
@@ -64,7 +61,7 @@ fn brick_at(level: u32, offset: vec3f) -> Brick {
     }
     if brick.is_absent {
         // Nothing in an empty brick can be seen, so that only the side of the iso-value matters: no voxels are needed.
-        let activity = brick_activity_of(level, xyz);
+        let activity = brick_activity_of(grid, xyz);
         if activity == BRICK_EMPTY || activity == BRICK_EMPTY_ABOVE {
             brick.tag = TAG_CONSTANT;
             brick.constant = select(frame.empty_below, frame.empty_above, activity == BRICK_EMPTY_ABOVE);

@@ -8,9 +8,9 @@ fn feedback_touch(brick: Brick) {
     }
 }
 
-// A ray misses the brick. The first one puts it on the list; all are counted, by a hash of the brick's number.
-fn feedback_request(brick: Brick) {
-    let number = brick_number(brick.level, brick.xyz);
+// A ray misses the brick of that level. The first one puts it on the list; all are counted, by a hash of the brick's number.
+fn feedback_request(grid: Grid, brick: Brick) {
+    let number = brick_number(grid, brick.xyz);
     atomicAdd(&feedback[FEEDBACK_RAYS + ((number * 2654435769u) >> (32u - FEEDBACK_RAYS_BITS))], 1u);
     let bit = 1u << (number & 31u);
     let before = atomicOr(&feedback[frame.bits_at + (number >> 5u)], bit);

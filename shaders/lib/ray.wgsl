@@ -3,9 +3,33 @@
 // False where only one level is sampled: its number is then a constant.
 override MANY_LEVELS: bool = true;
 
-struct Ray {
+// What of a level is needed for every brick, loaded once: where rays are at different levels, each load from the uniforms
+// is one per ray.
+struct Grid {
     // Number of the level among frame.levels.
     level: u32,
+    anchor: vec3i,
+    // The last brick along each axis, and the number of the first among the bricks of all levels.
+    last: vec3i,
+    first_number: u32,
+    indirection_origin: vec3i,
+    lut_offset: u32,
+}
+
+fn grid_of(level: u32) -> Grid {
+    var grid: Grid;
+    grid.level = level;
+    grid.anchor = frame.levels[level].anchor.xyz;
+    grid.last = vec3i(frame.levels[level].bricks.xyz) - 1;
+    grid.first_number = frame.levels[level].bricks.w;
+    grid.indirection_origin = vec3i(frame.levels[level].indirection_origin.xyz);
+    grid.lut_offset = frame.levels[level].lut_offset;
+    return grid;
+}
+
+struct Ray {
+    grid: Grid,
+    step_mm: f32,
     // Unit direction, world.
     direction: vec3f,
     // Length of the unnormalised direction: view depth · length = distance (perspective).
@@ -38,7 +62,8 @@ fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
     let inverse = 1.0 / stretch;
 
     var ray: Ray;
-    ray.level = level;
+    ray.grid = grid_of(level);
+    ray.step_mm = step_mm;
     ray.stretch = stretch;
     ray.direction = world * inverse;
     ray.base = origin + dir * (inverse * frame.first_mm);
@@ -66,5 +91,5 @@ fn ray_offset(ray: Ray, index: f32) -> vec3f {
 
 // Sample index at the ray's level of a distance from the eye.
 fn ray_index(ray: Ray, distance_mm: f32) -> f32 {
-    return (distance_mm - frame.first_mm) / frame.levels[ray.level].step_mm;
+    return (distance_mm - frame.first_mm) / ray.step_mm;
 }

@@ -48,7 +48,6 @@ struct FrameUniforms {
     part_size: vec2u,
     // Last sample of any ray, in base steps, as samples of level 0.
     last_index: u32,
-    flags: u32,
     first_mm: f32,
     near_mm: f32,
     opacity_cutoff: f32,
@@ -70,19 +69,19 @@ struct FrameUniforms {
     // iso-value.
     empty_below: f32,
     empty_above: f32,
-    // Levels that are sampled, and those with the coarser ones that can stand in.
+    // Levels that are sampled.
     used_levels: u32,
-    all_levels: u32,
-    // A ray that took this many samples in a dispatch goes on in the next one.
-    sample_limit: u32,
     // Counts dispatches: what a used slot is stamped with.
     dispatch: u32,
     // The numbers of the level of sample 0, of the first word of the stamps and of the request bits in `feedback`.
     finest_lod: u32,
     stamps_at: u32,
     bits_at: u32,
-    // The first entry of the dispatch's list of work-groups in `feedback`.
-    groups_at: u32,
+    // What the host writes into `feedback` for a dispatch (FEEDBACK_LIMIT and others; then the list of work-groups).
+    orders_at: u32,
+    pad1: u32,
+    pad2: u32,
+    pad3: u32,
     levels: array<LevelUniforms, MAX_LEVELS>,
 }
 

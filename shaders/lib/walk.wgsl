@@ -26,7 +26,7 @@ struct Walk {
 }
 
 fn walk_block_at(ray: Ray, at: f32) -> vec3i {
-    return (frame.levels[ray.level].anchor.xyz + vec3i(floor(ray_offset(ray, at)))) >> vec3u(BLOCK_SHIFT);
+    return (ray.grid.anchor + vec3i(floor(ray_offset(ray, at)))) >> vec3u(BLOCK_SHIFT);
 }
 
 // `interval`: the part of the ray that the bounding mesh leaves, mm from the eye. A ray that goes on has taken its samples
@@ -39,12 +39,12 @@ fn walk_begin(ray: Ray, interval: vec2f, next: i32) -> Walk {
     walk.next = max(ray.first, next);
     walk.first = walk.next;
     walk.last = ray.last;
-    let last = vec3i(frame.levels[ray.level].bricks.xyz * BLOCKS_PER_EDGE) - 1;
+    let last = (ray.grid.last + 1) * i32(BLOCKS_PER_EDGE) - 1;
     walk.block = clamp(walk_block_at(ray, walk.at), vec3i(0), last);
     walk.forward = select(vec3i(-1), vec3i(1), ray.step > vec3f(0.0));
     // The far face of b is at (b + 1 or b) · edge − anchor.
     let face = vec3f(max(walk.forward, vec3i(0)));
-    let origin = vec3f(frame.levels[ray.level].anchor.xyz) + ray.base;
+    let origin = vec3f(ray.grid.anchor) + ray.base;
     walk.block_scale = f32(BLOCK_EDGE) * ray.inverse_step;
     walk.block_shift = (face * f32(BLOCK_EDGE) - origin) * ray.inverse_step;
     walk.brick_scale = f32(BRICK_EDGE) * ray.inverse_step;
@@ -74,7 +74,7 @@ fn walk_cross_brick(ray: Ray, walk: ptr<function, Walk>, brick: vec3i) {
 
 // Finds the next run; false when there is none. The caller takes samples walk.first ..= walk.last.
 fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
-    let bricks = vec3i(frame.levels[ray.level].bricks.xyz);
+    let bricks = ray.grid.last + 1;
     loop {
         if (*walk).at > (*walk).end {
             return false;
@@ -83,7 +83,7 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         if any(brick < vec3i(0)) || any(brick >= bricks) {
             return false;
         }
-        let activity = brick_activity_of(ray.level, brick);
+        let activity = brick_activity_of(ray.grid, brick);
         if activity == BRICK_EMPTY || activity == BRICK_EMPTY_ABOVE {
             walk_cross_brick(ray, walk, brick);
             continue;
@@ -96,7 +96,7 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
                 walk_cross_brick(ray, walk, full);
                 full = (*walk).block >> vec3u(BLOCKS_SHIFT);
                 if (*walk).at > (*walk).end || any(full < vec3i(0)) || any(full >= bricks)
-                    || brick_activity_of(ray.level, clamp(full, vec3i(0), bricks - 1)) != BRICK_FULL {
+                    || brick_activity_of(ray.grid, clamp(full, vec3i(0), bricks - 1)) != BRICK_FULL {
                     break;
                 }
             }
@@ -106,7 +106,7 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
             continue;
         }
         // A mixed brick has a slot; its occupancy lies by the slot's number.
-        let row = brick_slot_number(brick_word(ray.level, brick));
+        let row = brick_slot_number(brick_word(ray.grid, brick));
         var started = -1.0;
         // The word of occupancy in hand.
         var held = 16u;

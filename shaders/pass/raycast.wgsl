@@ -33,11 +33,15 @@ struct Cast {
     tile_pixel: vec2u,
     pixel: vec2u,
     ray: Ray,
+    // Mesh interval, brick and block skipping? With and without, the picture is the same to the bit.
+    skips: bool,
     // Nothing to do: outside the picture, or finished before.
     is_idle: bool,
     // Samples at levels that are done are in here.
     skipped: u32,
     samples: u32,
+    // After so many samples the ray goes on in the next dispatch.
+    limit: u32,
     // A brick was missing; the ray waits for it; it has used up the dispatch's samples.
     missed: bool,
     stopped: bool,
@@ -45,25 +49,32 @@ struct Cast {
 }
 
 fn cast_interval(caster: Cast) -> vec2f {
-    if frame_has(FLAG_SKIP) {
+    if caster.skips {
         return interval_of_pixel(caster.tile_pixel, caster.ray.stretch);
     }
     return vec2f(-1e30, 1e30);
 }
 
+// What the host ordered for this dispatch. Not in the uniforms: where a condition depends on uniforms alone, lavapipe puts
+// their values into the code and compiles it anew (half a second) whenever the uniforms change.
+fn cast_order(word: u32) -> u32 {
+    return atomicLoad(&feedback[frame.orders_at + word]);
+}
+
 // The ray of an invocation, at its beginning or where it stopped. The host lists the work-groups that have something to do.
 fn cast_begin(
     group: vec3u,
-    groups: vec3u,
     local: vec3u,
     state: ptr<function, RayState>,
     walk: ptr<function, Walk>,
 ) -> Cast {
     var caster: Cast;
-    caster.group = atomicLoad(&feedback[frame.groups_at + group.y * groups.x + group.x]);
+    caster.group = cast_order(FEEDBACK_GROUPS + group.x);
     let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
     caster.tile_pixel = vec2u(caster.group % groups_wide, caster.group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + local.xy;
     caster.pixel = frame.tile_origin + caster.tile_pixel;
+    caster.limit = cast_order(FEEDBACK_LIMIT);
+    caster.skips = cast_order(FEEDBACK_SKIP) != 0u;
     caster.is_idle = any(caster.tile_pixel >= frame.part_size);
     caster.at = min(caster.tile_pixel.y, frame.tile_size.y - 1u) * frame.tile_size.x + min(caster.tile_pixel.x, frame.tile_size.x - 1u);
     if !DRAFT {
@@ -85,7 +96,7 @@ fn cast_begin(
 // The next run of samples: with skipping from the walk, without it the whole ray once; then the next coarser level.
 fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool {
     loop {
-        if frame_has(FLAG_SKIP) {
+        if (*caster).skips {
             if walk_next((*caster).ray, walk) {
                 return true;
             }
@@ -95,11 +106,11 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool
             (*walk).next = (*caster).ray.last + 1;
             return true;
         }
-        if !MANY_LEVELS || (*caster).ray.level + 1u >= frame.used_levels || (*caster).is_idle {
+        if !MANY_LEVELS || (*caster).ray.grid.level + 1u >= frame.used_levels || (*caster).is_idle {
             break;
         }
         (*caster).skipped += cast_skipped(*caster, *walk);
-        (*caster).ray = ray_for_pixel((*caster).pixel, (*caster).ray.level + 1u);
+        (*caster).ray = ray_for_pixel((*caster).pixel, (*caster).ray.grid.level + 1u);
         *walk = walk_begin((*caster).ray, cast_interval(*caster), 0);
     }
     return false;
@@ -128,12 +139,13 @@ fn source_of(caster: Cast, brick: Brick, index: f32) -> Source {
     source.step = caster.ray.step;
     source.is_missing = brick.tag == TAG_ABSENT;
     if DRAFT {
-        var level = caster.ray.level + 1u;
-        while source.brick.tag == TAG_ABSENT && level < frame.all_levels {
+        let all_levels = cast_order(FEEDBACK_LEVELS);
+        var level = caster.ray.grid.level + 1u;
+        while source.brick.tag == TAG_ABSENT && level < all_levels {
             let coarser = ray_for_pixel(caster.pixel, level);
             source.base = coarser.base;
-            source.step = coarser.step * (frame.levels[caster.ray.level].step_mm / frame.levels[level].step_mm);
-            source.brick = brick_at(level, source.base + index * source.step);
+            source.step = coarser.step * (caster.ray.step_mm / frame.levels[level].step_mm);
+            source.brick = brick_at(grid_of(level), source.base + index * source.step);
             level += 1u;
         }
         feedback_touch(source.brick);
@@ -151,7 +163,7 @@ fn source_offset(source: Source, index: f32) -> vec3f {
 fn cast_enter(caster: ptr<function, Cast>, brick: Brick, index: f32) -> Source {
     let source = source_of(*caster, brick, index);
     if source.is_missing {
-        feedback_request(brick);
+        feedback_request((*caster).ray.grid, brick);
         (*caster).missed = true;
         (*caster).stopped = !DRAFT;
     } else {
@@ -178,7 +190,7 @@ fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extre
     }
     var state: RayState;
     state.next = next;
-    state.flags = select(RAY_FINISHED, (flags & ~RAY_LEVEL_MASK) | caster.ray.level, is_pending);
+    state.flags = select(RAY_FINISHED, (flags & ~RAY_LEVEL_MASK) | caster.ray.grid.level, is_pending);
     state.extreme = extreme;
     rays[caster.at] = state;
     if is_pending {
@@ -193,12 +205,11 @@ fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extre
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
 fn cast_dvr(
     @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_id) local: vec3u,
 ) {
     var state: RayState;
     var walk: Walk;
-    var caster = cast_begin(group, groups, local, &state, &walk);
+    var caster = cast_begin(group, local, &state, &walk);
     var sum = vec4f(0.0);
     if !DRAFT {
         sum = picture[caster.at];
@@ -210,14 +221,14 @@ fn cast_dvr(
         i = walk.first;
         loop {
             var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.level, offset);
+            let brick = brick_at(caster.ray.grid, offset);
             let source = cast_enter(&caster, brick, f32(i));
             if caster.stopped {
                 break;
             }
             loop {
                 let at = source_offset(source, f32(i));
-                let classified = classify_value(caster.ray.level, sample_value(source.brick, at));
+                let classified = classify_value(caster.ray.grid, sample_value(source.brick, at));
                 var color = classified.rgb;
                 if SHADED {
                     color = shade_phong(color, sample_gradient(source.brick, at), caster.ray.direction);
@@ -231,7 +242,7 @@ fn cast_dvr(
                     break;
                 }
             }
-            caster.paused = !ended && caster.samples >= frame.sample_limit;
+            caster.paused = !ended && caster.samples >= caster.limit;
             if ended || caster.paused || i > walk.last {
                 break;
             }
@@ -244,12 +255,11 @@ fn cast_dvr(
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
 fn cast_mip(
     @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_id) local: vec3u,
 ) {
     var state: RayState;
     var walk: Walk;
-    var caster = cast_begin(group, groups, local, &state, &walk);
+    var caster = cast_begin(group, local, &state, &walk);
     // Blocks that hold nothing above the volume's minimum are skipped: this is their maximum.
     var greatest = max(frame.value_floor, select(frame.value_floor, state.extreme, (state.flags & RAY_INSIDE) != 0u));
     var is_inside = caster.ray.first <= caster.ray.last || (state.flags & RAY_INSIDE) != 0u;
@@ -260,7 +270,7 @@ fn cast_mip(
         i = walk.first;
         loop {
             var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.level, offset);
+            let brick = brick_at(caster.ray.grid, offset);
             let source = cast_enter(&caster, brick, f32(i));
             if caster.stopped {
                 break;
@@ -274,7 +284,7 @@ fn cast_mip(
                     break;
                 }
             }
-            caster.paused = caster.samples >= frame.sample_limit;
+            caster.paused = caster.samples >= caster.limit;
             if caster.paused || i > walk.last {
                 break;
             }
@@ -285,7 +295,7 @@ fn cast_mip(
     is_inside |= caster.ray.first <= caster.ray.last;
     var color = vec4f(0.0);
     if is_inside {
-        let classified = classify_value(caster.ray.level, greatest);
+        let classified = classify_value(caster.ray.grid, greatest);
         color = vec4f(classified.rgb * classified.a, classified.a);
     }
     cast_end(caster, walk, color, i, select(0u, RAY_INSIDE, is_inside), greatest);
@@ -294,27 +304,26 @@ fn cast_mip(
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
 fn cast_iso(
     @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_id) local: vec3u,
 ) {
     var state: RayState;
     var walk: Walk;
-    var caster = cast_begin(group, groups, local, &state, &walk);
+    var caster = cast_begin(group, local, &state, &walk);
     var above_before = (state.flags & RAY_ABOVE) != 0u;
     // The sample that `above_before` belongs to: a run that doesn't continue the last one starts afresh.
     var before = select(-2, state.next - 1, (state.flags & RAY_HAS_BEFORE) != 0u);
     // Levels don't continue each other: a segment has one level (design.md §3).
-    var level_before = caster.ray.level;
+    var level_before = caster.ray.grid.level;
     var hit = false;
     var i = state.next;
     var more = cast_next_run(&caster, &walk);
     while more {
-        before = select(-2, before, caster.ray.level == level_before);
-        level_before = caster.ray.level;
+        before = select(-2, before, caster.ray.grid.level == level_before);
+        level_before = caster.ray.grid.level;
         i = walk.first;
         loop {
             var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.level, offset);
+            let brick = brick_at(caster.ray.grid, offset);
             let source = cast_enter(&caster, brick, f32(i));
             if caster.stopped {
                 break;
@@ -331,7 +340,7 @@ fn cast_iso(
                     break;
                 }
             }
-            caster.paused = !hit && caster.samples >= frame.sample_limit;
+            caster.paused = !hit && caster.samples >= caster.limit;
             if hit || caster.paused || i > walk.last {
                 break;
             }
@@ -384,13 +393,13 @@ fn refine_hit(caster: ptr<function, Cast>, index: f32, above: bool, hit: bool) -
 // The source at `index`, any number between samples. With `voxels` the voxels themselves are needed (for a gradient), also
 // of a brick that is empty.
 fn probe(caster: ptr<function, Cast>, index: f32, hit: bool, voxels: bool) -> Source {
-    var brick = brick_at((*caster).ray.level, ray_offset((*caster).ray, index));
+    var brick = brick_at((*caster).ray.grid, ray_offset((*caster).ray, index));
     if voxels && brick.is_absent {
         brick.tag = TAG_ABSENT;
     }
     let source = source_of(*caster, brick, index);
     if hit && source.is_missing {
-        feedback_request(brick);
+        feedback_request((*caster).ray.grid, brick);
         (*caster).missed = true;
         (*caster).stopped = !DRAFT;
     } else if hit {

@@ -35,7 +35,7 @@ pub struct Engine {
 
 #[derive(Debug)]
 enum Device {
-    Cpu(tick::CpuPicture),
+    Cpu(Box<tick::CpuPicture>),
     #[cfg(feature = "gpu")]
     Gpu(Box<device::GpuDevice>),
 }
@@ -135,7 +135,7 @@ fn open_device(
     use crate::gpu::{AdapterChoice, GpuError};
 
     let choice = match &options.device {
-        DeviceChoice::Cpu => return Ok((Device::Cpu(tick::CpuPicture::default()), None)),
+        DeviceChoice::Cpu => return Ok((Device::Cpu(Box::default()), None)),
         DeviceChoice::Auto => AdapterChoice::Best,
         DeviceChoice::SoftwareGpu => AdapterChoice::SoftwareFirst,
         DeviceChoice::Named(name) => AdapterChoice::Named(name.clone()),
@@ -145,10 +145,7 @@ fn open_device(
         Err(EngineError::Gpu(error @ (GpuError::NoAdapter | GpuError::NoDevice { .. })))
             if options.device == DeviceChoice::Auto =>
         {
-            Ok((
-                Device::Cpu(tick::CpuPicture::default()),
-                Some(error.to_string()),
-            ))
+            Ok((Device::Cpu(Box::default()), Some(error.to_string())))
         }
         Err(error) => Err(error),
     }
@@ -160,9 +157,9 @@ fn open_device(
     options: &EngineOptions,
 ) -> Result<(Device, Option<String>), EngineError> {
     match &options.device {
-        DeviceChoice::Cpu => Ok((Device::Cpu(tick::CpuPicture::default()), None)),
+        DeviceChoice::Cpu => Ok((Device::Cpu(Box::default()), None)),
         DeviceChoice::Auto => Ok((
-            Device::Cpu(tick::CpuPicture::default()),
+            Device::Cpu(Box::default()),
             Some("this build has no GPU renderer (feature `gpu`)".into()),
         )),
         DeviceChoice::Named(_) | DeviceChoice::SoftwareGpu => Err(EngineError::NoGpuBuilt),

@@ -105,6 +105,8 @@ pub enum EngineError {
     TooManyLevels { levels: usize, most: u32 },
     #[error("a worker thread ended without a result; its panic message says why")]
     Worker,
+    #[error("{brick} could not be read; the reason was given before")]
+    FailedBrick { brick: crate::geom::BrickId },
     #[error("the bounding mesh: {0}")]
     Mesh(#[from] crate::proxy::ProxyError),
     #[error("cannot start the decoders: {0}")]

@@ -66,7 +66,7 @@ impl Engine {
         match &mut self.device {
             Device::Cpu(cpu) => {
                 if cpu.settings.as_ref() != Some(&settings) {
-                    *cpu = CpuPicture {
+                    **cpu = CpuPicture {
                         settings: Some(settings),
                         picture: None,
                     };
@@ -109,6 +109,10 @@ impl Engine {
     /// # Errors
     /// The settings make no picture, or the device fails or is too small. A brick that can't be read is no error here:
     /// [`TickEvent::Failed`].
+    #[cfg_attr(
+        not(feature = "gpu"),
+        expect(unused_variables, reason = "the CPU draws in one piece")
+    )]
     pub fn tick(&mut self, budget: &TickBudget) -> Result<TickReport, EngineError> {
         let settings = match &mut self.device {
             #[cfg(feature = "gpu")]
@@ -118,10 +122,10 @@ impl Engine {
         let mut event = None;
         if let Some(settings) = settings {
             let picture = self.render(&settings)?;
-            self.device = Device::Cpu(CpuPicture {
+            self.device = Device::Cpu(Box::new(CpuPicture {
                 settings: Some(settings),
                 picture: Some(picture),
-            });
+            }));
             event = Some(TickEvent::Converged);
         }
         Ok(TickReport {

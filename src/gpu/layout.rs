@@ -67,7 +67,6 @@ shared! {
         tile_size: [u32; 2],
         part_size: [u32; 2],
         last_index: u32,
-        flags: u32,
         first_mm: f32,
         near_mm: f32,
         opacity_cutoff: f32,
@@ -83,13 +82,14 @@ shared! {
         empty_below: f32,
         empty_above: f32,
         used_levels: u32,
-        all_levels: u32,
-        sample_limit: u32,
         dispatch: u32,
         finest_lod: u32,
         stamps_at: u32,
         bits_at: u32,
-        groups_at: u32,
+        orders_at: u32,
+        pad1: u32,
+        pad2: u32,
+        pad3: u32,
         levels: [LevelUniforms; MAX_LEVELS as usize],
     }
 }
@@ -132,8 +132,6 @@ macro_rules! constants {
 constants! {
     /// Most levels of a volume: 2²⁴ voxels along an axis.
     MAX_LEVELS = 20;
-    /// Switch of `FrameUniforms::flags`: mesh interval, brick and block skipping.
-    FLAG_SKIP = 1;
     /// Place of the tag bits in an indirection word.
     TAG_SHIFT = 30;
     /// The other bits.
@@ -180,6 +178,14 @@ constants! {
     FEEDBACK_LIST = FEEDBACK_RAYS + (1 << FEEDBACK_RAYS_BITS);
     /// Bricks that fit the list.
     FEEDBACK_LIST_MAX = 1 << 14;
+    /// Word of the host's orders: a ray that took this many samples in the dispatch goes on in the next one.
+    FEEDBACK_LIMIT = 0;
+    /// Word of the host's orders: levels that are sampled, and the coarser ones that can stand in.
+    FEEDBACK_LEVELS = 1;
+    /// Word of the host's orders: 1 for mesh interval, brick and block skipping, else 0.
+    FEEDBACK_SKIP = 2;
+    /// Words of the host's orders: the list of work-groups.
+    FEEDBACK_GROUPS = 3;
     /// Words of the feedback up to here are of one dispatch.
     FEEDBACK_HEAD = FEEDBACK_LIST + FEEDBACK_LIST_MAX;
     /// Most work-groups of a tile.

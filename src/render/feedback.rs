@@ -4,8 +4,9 @@
 use std::sync::mpsc::{Receiver, channel};
 
 use crate::gpu::layout::{
-    FEEDBACK_FIRST_STOPPED, FEEDBACK_HEAD, FEEDBACK_LIST, FEEDBACK_LIST_MAX, FEEDBACK_LISTED,
-    FEEDBACK_PENDING, FEEDBACK_RAYS, FEEDBACK_RAYS_BITS, FEEDBACK_STOPPED, MAX_GROUPS,
+    FEEDBACK_FIRST_STOPPED, FEEDBACK_GROUPS, FEEDBACK_HEAD, FEEDBACK_LIST, FEEDBACK_LIST_MAX,
+    FEEDBACK_LISTED, FEEDBACK_PENDING, FEEDBACK_RAYS, FEEDBACK_RAYS_BITS, FEEDBACK_STOPPED,
+    MAX_GROUPS,
 };
 use crate::gpu::{GpuContext, GpuError};
 use crate::pager::SlotId;
@@ -39,8 +40,8 @@ pub struct Feedback {
 /// Places in the feedback buffer that depend on the volume, in words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FeedbackPlaces {
-    /// The dispatch's list of work-groups, written by the host.
-    pub(super) groups: u32,
+    /// What the host orders for a dispatch.
+    pub(super) orders: u32,
     /// Per slot, the last dispatch that used it.
     pub(super) stamps: u32,
     /// A bit per brick: asked for.
@@ -50,11 +51,11 @@ pub(super) struct FeedbackPlaces {
 
 impl FeedbackPlaces {
     pub(super) fn new(slots: u32, bricks: u32) -> Self {
-        let groups = FEEDBACK_HEAD;
-        let stamps = groups + MAX_GROUPS;
+        let orders = FEEDBACK_HEAD;
+        let stamps = orders + FEEDBACK_GROUPS + MAX_GROUPS;
         let bits = stamps + slots;
         Self {
-            groups,
+            orders,
             stamps,
             bits,
             end: bits + bricks.div_ceil(32),
@@ -211,7 +212,7 @@ mod tests {
         let places = FeedbackPlaces::new(5, 100);
         assert_eq!(
             places.bytes(),
-            u64::from(FEEDBACK_HEAD + MAX_GROUPS + 5 + 4) * 4
+            u64::from(FEEDBACK_HEAD + FEEDBACK_GROUPS + MAX_GROUPS + 5 + 4) * 4
         );
         let mut words = vec![0; places.end as usize];
         assert_eq!(

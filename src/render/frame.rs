@@ -6,7 +6,7 @@ use crate::camera::Projection;
 use crate::classify::LUT_ENTRIES;
 use crate::geom::BLOCK_EDGE;
 use crate::gpu::GpuContext;
-use crate::gpu::layout::{FLAG_SKIP, FrameUniforms, LevelUniforms, MAX_LEVELS};
+use crate::gpu::layout::{FrameUniforms, LevelUniforms, MAX_LEVELS};
 use crate::scene::{Classified, LevelFrame, Mode, PictureSettings, RayFrame};
 
 use super::bindings;
@@ -45,8 +45,6 @@ pub struct Tile {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DispatchParams {
     pub(super) tile: Tile,
-    /// Samples after which a ray goes on in the next dispatch.
-    pub(super) sample_limit: u32,
     /// Counts dispatches, from 1.
     pub(super) dispatch: u32,
 }
@@ -147,7 +145,7 @@ fn uniforms(
         classified,
         settings,
         value_floor,
-        skip,
+        ..
     } = *inputs;
     let tile = params.tile;
     let depth = DepthRange::new(rays);
@@ -183,7 +181,6 @@ fn uniforms(
         tile_size: tile.size,
         part_size: tile.part_size,
         last_index: rays.last_index,
-        flags: if skip { FLAG_SKIP } else { 0 },
         first_mm: rays.first_mm,
         near_mm: rays.near_mm,
         opacity_cutoff: settings.opacity_cutoff,
@@ -199,13 +196,14 @@ fn uniforms(
         empty_below: classified.unseen[0],
         empty_above: classified.unseen[1],
         used_levels: rays.used_levels as u32,
-        all_levels: rays.levels.len() as u32,
-        sample_limit: params.sample_limit,
         dispatch: params.dispatch,
         finest_lod: u32::from(rays.levels[0].lod.0),
         stamps_at: places.stamps,
         bits_at: places.bits,
-        groups_at: places.groups,
+        orders_at: places.orders,
+        pad1: 0,
+        pad2: 0,
+        pad3: 0,
         levels,
     }
 }

@@ -9,7 +9,9 @@ use super::feedback::{Feedback, PendingFeedback};
 use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
 use super::passes::{BoundsPass, BoundsTargets, MeshBuffers, RaycastPass, RaycastTargets};
 use super::residency::Residency;
-use crate::gpu::layout::{MAX_GROUPS, RayState};
+use crate::gpu::layout::{
+    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_SKIP, MAX_GROUPS, RayState,
+};
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
 use crate::scene::{Image, RayCounts};
@@ -199,7 +201,6 @@ impl Renderer {
             .expect("invariant: the picture was begun");
         let params = DispatchParams {
             tile: *tile,
-            sample_limit: 0,
             dispatch: 0,
         };
         self.frame.write(gpu, inputs, volume, &params);
@@ -241,11 +242,6 @@ impl Renderer {
         let dispatch = volume.next_dispatch();
         let params = DispatchParams {
             tile: *tile,
-            sample_limit: if cast.draft {
-                u32::MAX
-            } else {
-                cast.sample_limit
-            },
             dispatch,
         };
         self.frame.write(gpu, inputs, volume, &params);
@@ -259,10 +255,19 @@ impl Renderer {
             groups.len() <= MAX_GROUPS as usize,
             "invariant: a tile has at most {MAX_GROUPS} work-groups"
         );
+        let mut orders = vec![0; FEEDBACK_GROUPS as usize];
+        orders[FEEDBACK_LIMIT as usize] = if cast.draft {
+            u32::MAX
+        } else {
+            cast.sample_limit
+        };
+        orders[FEEDBACK_SKIP as usize] = u32::from(inputs.skip);
+        orders[FEEDBACK_LEVELS as usize] = inputs.rays.levels.len() as u32;
+        orders.extend(&groups);
         gpu.queue.write_buffer(
             &volume.feedback,
-            u64::from(places.groups) * 4,
-            bytemuck::cast_slice(&groups),
+            u64::from(places.orders) * 4,
+            bytemuck::cast_slice(&orders),
         );
         let mut encoder = encoder(gpu, "renderer.cast");
         places.clear(&mut encoder, &volume.feedback);

@@ -427,6 +427,8 @@ fn bad_stores() {
                 "p.png",
                 "--size",
                 "8x8",
+                "--lod",
+                "0",
                 "--device",
                 "cpu",
                 "--technique",

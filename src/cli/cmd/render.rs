@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::{Context, bail};
 
@@ -11,6 +12,7 @@ use crate::engine::{Engine, Picture};
 use crate::export::write_png;
 use crate::outfile::{Existing, OutFile, write_whole};
 use crate::scene::Background;
+use crate::store::Store;
 
 /// Render one picture of a brick store.
 #[derive(Debug, clap::Args)]
@@ -53,7 +55,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     for path in std::iter::once(&args.output).chain(&args.stats) {
         drop(OutFile::create(path, Existing::Replace)?);
     }
-    let mut engine = Engine::open(&args.store, args.picture.engine_options())?;
+    let store = Arc::new(Store::open(&args.store)?);
+    // A picture may need none of a damaged level; the command refuses it all the same.
+    store.check_all_levels()?;
+    let mut engine = Engine::with_store(store, args.picture.engine_options())?;
     let mut notes = Vec::new();
     notes.extend(
         engine

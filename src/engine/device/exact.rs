@@ -143,7 +143,7 @@ impl ExactRun {
             }
             self.is_waiting = false;
             if let Some(error) = volume.take_failure(&self.needed) {
-                return Err(error.into());
+                return Err(error);
             }
         }
         let (tile, groups) = match self.current.take() {

@@ -32,6 +32,13 @@ const SHORT_WAIT: Duration = Duration::from_millis(2);
 /// While bricks come, a draft is drawn again after so many times of what it took: loading gets the rest.
 const DRAFT_PAUSE: u32 = 4;
 
+/// Work-groups of a draft's dispatch: 2¹⁶ rays, on the CPU all of a tile.
+const DRAFT_GROUPS: [usize; 2] = [1 << 10, 1 << 14];
+
+/// An atlas is made for so many times what the first picture needs: the next ones need other bricks, and a larger atlas
+/// begins empty.
+const ROOM: u64 = 2;
+
 type Job = Receiver<Result<ReadyPictures, EngineError>>;
 
 /// A picture under way.
@@ -234,7 +241,7 @@ impl GpuDevice {
                     },
                     Err(TryRecvError::Disconnected) => return Err(EngineError::Worker),
                 };
-                let ready = match self.make_ready(ready) {
+                let ready = match self.make_ready(ready, ROOM) {
                     Err(error) => {
                         // With less memory the same again.
                         self.with_less(error)?;
@@ -364,7 +371,6 @@ impl GpuDevice {
     }
 
     /// One step of a run. The outer error is the device's, the inner a brick's. Also: was a tile finished?
-    #[expect(clippy::type_complexity, reason = "two kinds of errors and a flag")]
     fn advance_run(
         &mut self,
         run: &mut ExactRun,
@@ -378,7 +384,9 @@ impl GpuDevice {
         let inputs = ready.pictures[number].0.inputs(&self.store);
         let before = run.tiles_left();
         match run.advance(&self.gpu, &mut self.renderer, volume, &inputs, wait) {
-            Err(EngineError::Store(error)) => Ok((Err(error.into()), false)),
+            Err(error @ (EngineError::Store(_) | EngineError::FailedBrick { .. })) => {
+                Ok((Err(error), false))
+            }
             Err(other) => Err(other),
             Ok(progress) => Ok((Ok(progress), run.tiles_left() < before)),
         }
@@ -434,7 +442,9 @@ impl GpuDevice {
                 draft.is_answered
                     && uploaded > at
                     && (volume.is_placed() || begun.elapsed() >= took * DRAFT_PAUSE)
-                    && draft.missing_before.is_none_or(|before| live.missing < before)
+                    && draft
+                        .missing_before
+                        .is_none_or(|before| live.missing < before)
             }
         };
         if is_due {
@@ -513,18 +523,22 @@ impl GpuDevice {
         for tile in Renderer::tiles(size, tile) {
             self.renderer
                 .begin_tile(&self.gpu, &inputs, &volume.residency, &tile)?;
-            let cast = Cast {
-                groups: &Renderer::groups(&tile),
-                draft: true,
-                sample_limit: u32::MAX,
-            };
-            pending.push(self.renderer.cast(
-                &self.gpu,
-                &inputs,
-                &mut volume.residency,
-                &tile,
-                &cast,
-            )?);
+            // Rays of a draft don't stop: fewer of them keep a dispatch short.
+            let at_once = DRAFT_GROUPS[usize::from(self.gpu.caps.is_software)];
+            for groups in Renderer::groups(&tile).chunks(at_once) {
+                let cast = Cast {
+                    groups,
+                    draft: true,
+                    sample_limit: u32::MAX,
+                };
+                pending.push(self.renderer.cast(
+                    &self.gpu,
+                    &inputs,
+                    &mut volume.residency,
+                    &tile,
+                    &cast,
+                )?);
+            }
             self.renderer.collect(&self.gpu, &tile, &mut image)?;
         }
         Ok(image)

@@ -146,7 +146,7 @@ impl GpuDevice {
         let before = self.traffic();
         let ready = self.work_out(vec![plan.clone()])?;
         let tile = self.tile(plan);
-        let ready = self.make_ready(ready)?;
+        let ready = self.make_ready(ready, 1)?;
         let (plan, mesh) = &ready.pictures[0];
         let inputs = plan.inputs(&self.store);
         let Self {
@@ -191,8 +191,13 @@ impl GpuDevice {
         ReadyPictures::new(&self.store, plans, known, mesh_bytes(self.budget_bytes))
     }
 
-    /// Atlas and tables for pictures: makes them if there are none, or none large enough.
-    fn make_ready(&mut self, mut ready: ReadyPictures) -> Result<ReadyPictures, EngineError> {
+    /// Atlas and tables for pictures: makes them if there are none, or none large enough; then for `room` times what they
+    /// need, if the budget holds that.
+    fn make_ready(
+        &mut self,
+        mut ready: ReadyPictures,
+        room: u64,
+    ) -> Result<ReadyPictures, EngineError> {
         let voxel_bytes = self.store.meta().stored_type.size() as u64;
         let plan = ready.final_plan();
         let tile = self.tile(plan);
@@ -209,12 +214,13 @@ impl GpuDevice {
             .unwrap_or(1);
         // Room for the pinned level, and for what one ray needs at once.
         let wanted = (ready.bricks.visible_with_voxels + coarsest).max(least as u64 + coarsest);
-        let plan = self.atlas_plan(wanted, tile, voxel_bytes)?;
+        let mut plan = self.atlas_plan(wanted, tile, voxel_bytes)?;
         let keeps = self
             .volume
             .as_ref()
             .is_some_and(|v| v.residency.plan().slot_count() >= plan.slot_count());
         if !keeps {
+            plan = self.atlas_plan(wanted * room, tile, voxel_bytes)?;
             // The old atlas goes before the new one comes: both together may not fit.
             self.volume = None;
             self.attempted_bytes =

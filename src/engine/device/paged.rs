@@ -450,10 +450,13 @@ impl PagedVolume {
         self.pager.capacity() - self.pager.resident().count()
     }
 
-    /// Why the first of `bricks` that could not be read could not.
-    pub(super) fn take_failure(&mut self, bricks: &BTreeSet<BrickId>) -> Option<StoreError> {
-        let failed = *self.failures.keys().find(|b| bricks.contains(b))?;
-        self.failures.remove(&failed)
+    /// Why the first of `bricks` that could not be read could not. The reason is told once.
+    pub(super) fn take_failure(&mut self, bricks: &BTreeSet<BrickId>) -> Option<EngineError> {
+        let failed = self.pager.failed().filter(|b| bricks.contains(b)).min()?;
+        Some(match self.failures.remove(&failed) {
+            Some(error) => error.into(),
+            None => EngineError::FailedBrick { brick: failed },
+        })
     }
 
     /// Bricks that could not be read.
