@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | Preparing | the picture before | a thread has worked out tables and mesh |
 //! | Coarse | the exact picture from coarser levels | it is complete: the first whole picture |
-//! | Draft | all levels, coarser bricks standing in for missing ones; again when bricks came | nothing is missing, or nothing more fits |
+//! | Draft | all levels, coarser bricks standing in for missing ones; again while bricks come | what it asked for is there, or as much as fits |
 //! | Exact | the exact picture, tile by tile over the draft | it is complete |
 //! | Converged | – | something is changed |
 //! | Failed | – | something is changed: a brick can't be read, the draft shows a coarser one |
@@ -28,6 +28,9 @@ use super::{GpuDevice, mesh_bytes};
 
 /// How long a tick that can do nothing but wait for bricks waits for one.
 const SHORT_WAIT: Duration = Duration::from_millis(2);
+
+/// While bricks come, a draft is drawn again after so many times of what it took: loading gets the rest.
+const DRAFT_PAUSE: u32 = 4;
 
 /// Work-groups of a draft's dispatch: 2¹⁶ rays, on the CPU all of a tile.
 const DRAFT_GROUPS: [usize; 2] = [1 << 10, 1 << 14];
@@ -72,8 +75,10 @@ struct Draft {
     /// Reports on their way.
     pending: Vec<PendingFeedback>,
     reports: Vec<Feedback>,
-    /// What had been uploaded when it was drawn.
-    drawn_at: Option<u64>,
+    /// What had been uploaded when it was drawn, when that was begun, and how long it took.
+    drawn_at: Option<(u64, Instant, Duration)>,
+    /// What the one before missed.
+    missing_before: Option<u64>,
     /// Its reports have been answered with requests.
     is_answered: bool,
 }
@@ -429,19 +434,32 @@ impl GpuDevice {
             unreachable!("invariant: as above")
         };
         let uploaded = volume.traffic.bricks_uploaded;
-        let is_due = draft.pending.is_empty() && draft.drawn_at.is_none_or(|at| uploaded > at);
+        // Again while bricks come: not all the time, and only while drafts miss less and less. Under a small atlas
+        // they can take bricks from each other without end.
+        let is_due = match draft.drawn_at {
+            None => true,
+            Some((at, begun, took)) => {
+                draft.is_answered
+                    && uploaded > at
+                    && (volume.is_placed() || begun.elapsed() >= took * DRAFT_PAUSE)
+                    && draft
+                        .missing_before
+                        .is_none_or(|before| live.missing < before)
+            }
+        };
         if is_due {
-            draft = Draft {
-                drawn_at: Some(uploaded),
-                ..Draft::default()
-            };
+            let missing_before = draft.drawn_at.map(|_| live.missing);
+            draft = Draft::default();
+            let begun = Instant::now();
             let image = self.draw_draft(live, &mut draft.pending)?;
+            draft.drawn_at = Some((uploaded, begun, begun.elapsed()));
+            draft.missing_before = missing_before;
             live.image = Some(image);
             live.phase = Phase::Draft(draft);
             return Ok((Some(TickEvent::Refined), false));
         }
         if draft.is_answered && volume.is_placed() {
-            // All that fits is there, and it is not all: rays have to wait for bricks in turns.
+            // All that fits is there: what else rays need, they ask for as they go.
             live.phase = self.begin_exact(live)?;
             return Ok((None, false));
         }
