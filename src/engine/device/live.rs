@@ -424,8 +424,9 @@ impl GpuDevice {
         draft.pending = waiting;
         if draft.drawn_at.is_some() && draft.pending.is_empty() && !draft.is_answered {
             draft.is_answered = true;
-            live.missing = self.answer(live, &draft.reports);
-            if live.missing == 0 {
+            let fits = self.answer(live, &draft.reports);
+            if live.missing == 0 || !fits {
+                // Nothing is missing; or it can't all be there at once, and rays must take turns.
                 live.phase = self.begin_exact(live)?;
                 return Ok((None, false));
             }
@@ -472,8 +473,8 @@ impl GpuDevice {
         Ok(Phase::Exact(self.begin_run(live, last, false)?))
     }
 
-    /// Asks for what the rays of a draft missed; returns how many bricks those are.
-    fn answer(&mut self, live: &mut Live, reports: &[Feedback]) -> u64 {
+    /// Asks for what the rays of a draft missed; false when that and what they used doesn't fit the atlas together.
+    fn answer(&mut self, live: &mut Live, reports: &[Feedback]) -> bool {
         let (Some(ready), Some(volume)) = (&live.ready, &mut self.volume) else {
             unreachable!("invariant: a draft was begun on a volume")
         };
@@ -501,9 +502,11 @@ impl GpuDevice {
             touched: &touched,
             keep_touched: true,
         });
+        let fits = requests.len() + touched.len() <= volume.capacity();
         live.requested.extend(requests.iter().map(|r| r.brick));
         live.touched.extend(touched);
-        requests.len() as u64
+        live.missing = requests.len() as u64;
+        fits
     }
 
     /// Draws the whole picture with stand-ins.

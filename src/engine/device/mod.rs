@@ -43,6 +43,8 @@ pub(super) struct GpuDevice {
     options: EngineOptions,
     grids: Vec<BrickGrid>,
     volume: Option<PagedVolume>,
+    /// What loading has cost volumes that are no more.
+    past_traffic: Traffic,
     live: Option<Live>,
     /// Bound of all bytes on the device: what was asked for, or less once the device refused.
     budget_bytes: u64,
@@ -76,6 +78,7 @@ impl GpuDevice {
             options: options.clone(),
             grids,
             volume: None,
+            past_traffic: Traffic::default(),
             live: None,
             budget_bytes,
             attempted_bytes: 0,
@@ -99,7 +102,7 @@ impl GpuDevice {
 
     /// Drops everything that is resident on the device and decoded in host memory.
     pub(super) fn forget(&mut self) {
-        self.volume = None;
+        self.drop_volume();
         if let Some(live) = &mut self.live {
             live.restart();
         }
@@ -131,7 +134,7 @@ impl GpuDevice {
             EngineError::Gpu(GpuError::OutOfMemory { doing, .. })
                 if self.attempted_bytes / 2 >= LEAST_BYTES =>
             {
-                self.volume = None;
+                self.drop_volume();
                 self.budget_bytes = self.attempted_bytes / 2;
                 Ok(format!(
                     "{doing}: the adapter gave no {} bytes; going on with at most {}",
@@ -222,7 +225,7 @@ impl GpuDevice {
         if !keeps {
             plan = self.atlas_plan(wanted * room, tile, voxel_bytes)?;
             // The old atlas goes before the new one comes: both together may not fit.
-            self.volume = None;
+            self.drop_volume();
             self.attempted_bytes =
                 self.other_bytes(tile) + plan.bytes(voxel_bytes) + plan.slot_count() * SLOT_BYTES;
             self.volume = Some(PagedVolume::new(
@@ -296,11 +299,17 @@ impl GpuDevice {
             + Renderer::frame_bytes(self.grids.len())
     }
 
+    fn drop_volume(&mut self) {
+        self.past_traffic = self.traffic();
+        self.volume = None;
+    }
+
     /// What loading has cost so far.
     fn traffic(&self) -> Traffic {
-        self.volume
-            .as_ref()
-            .map_or_else(Traffic::default, |v| v.traffic)
+        match &self.volume {
+            Some(volume) => self.past_traffic.plus(volume.traffic),
+            None => self.past_traffic,
+        }
     }
 
     /// What is known of a picture that was begun at `before`, but of its rays.

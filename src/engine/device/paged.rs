@@ -25,7 +25,7 @@ const LOADS_PER_THREAD: usize = 4;
 /// Bricks copied into the atlas at once: whole rows of every voxel type (7, 3 or 1 to a row).
 const UPLOAD_GROUP: usize = 21;
 
-/// What loading cost, since it was last taken.
+/// What loading cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Traffic {
     pub(super) bricks_read: u64,
@@ -37,16 +37,24 @@ pub(super) struct Traffic {
 }
 
 impl Traffic {
-    /// What was added since `before`; all of it when the count began anew.
+    /// What was added since `before`.
     pub(super) fn since(self, before: Self) -> Self {
-        let minus = |now: u64, before: u64| now.checked_sub(before).unwrap_or(now);
+        self.with(before, |now, before| now - before)
+    }
+
+    /// Both together.
+    pub(super) fn plus(self, other: Self) -> Self {
+        self.with(other, |a, b| a + b)
+    }
+
+    fn with(self, other: Self, of: impl Fn(u64, u64) -> u64) -> Self {
         Self {
-            bricks_read: minus(self.bricks_read, before.bricks_read),
-            bricks_uploaded: minus(self.bricks_uploaded, before.bricks_uploaded),
-            bricks_evicted: minus(self.bricks_evicted, before.bricks_evicted),
-            bytes_read: minus(self.bytes_read, before.bytes_read),
-            bytes_decompressed: minus(self.bytes_decompressed, before.bytes_decompressed),
-            bytes_uploaded: minus(self.bytes_uploaded, before.bytes_uploaded),
+            bricks_read: of(self.bricks_read, other.bricks_read),
+            bricks_uploaded: of(self.bricks_uploaded, other.bricks_uploaded),
+            bricks_evicted: of(self.bricks_evicted, other.bricks_evicted),
+            bytes_read: of(self.bytes_read, other.bytes_read),
+            bytes_decompressed: of(self.bytes_decompressed, other.bytes_decompressed),
+            bytes_uploaded: of(self.bytes_uploaded, other.bytes_uploaded),
         }
     }
 }
