@@ -245,8 +245,8 @@ impl ExactRun {
         }
         if let Some(pixel) = report.first_stopped {
             work.active.clone_from(&report.pending_groups);
-            // More than fits at once would only push each other out.
-            let is_split = report.missed.len() > volume.free_capacity() && work.split();
+            // More than fits at once would only push each other out; what lies behind it needs room, too.
+            let is_split = report.missed.len() > volume.free_capacity() / 2 && work.split();
             if !is_split {
                 self.request(
                     gpu, renderer, volume, inputs, &tile, &report, &touched, pixel,
