@@ -139,6 +139,13 @@ pub(super) fn segment_bricks(rays: &RayFrame, bricks_of: impl Fn(&LevelFrame) ->
         .unwrap_or(1)
 }
 
+/// How many missing bricks all rays in turn may have at once. What lies behind them needs slots, too; where there are few,
+/// turns would become too short for it.
+fn room(slots: usize) -> usize {
+    const FEW: usize = 64;
+    if slots < FEW { slots } else { slots / 2 }
+}
+
 /// The longest reach of a step along each axis of a level, in its voxels.
 fn step_reach(level: &LevelFrame) -> DVec3 {
     let level_from_world = level.world_from_level.matrix3.inverse().transpose();
@@ -245,8 +252,8 @@ impl ExactRun {
         }
         if let Some(pixel) = report.first_stopped {
             work.active.clone_from(&report.pending_groups);
-            // More than fits at once would only push each other out; what lies behind it needs room, too.
-            let is_split = report.missed.len() > volume.free_capacity() / 2 && work.split();
+            // More than fits at once would only push each other out.
+            let is_split = report.missed.len() > room(volume.free_capacity()) && work.split();
             if !is_split {
                 self.request(
                     gpu, renderer, volume, inputs, &tile, &report, &touched, pixel,
