@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crate::run::{Folder, noise};
 
-/// Some seconds of work in a build for tests.
+/// Four seconds of work and more in a build for tests: a checkpoint comes after one.
 const ARGS: [&str; 8] = [
     "brick",
     "phantom:body:400,400,400:u16",
@@ -15,7 +15,7 @@ const ARGS: [&str; 8] = [
     "--threads",
     "1",
     "--zstd",
-    "9",
+    "15",
 ];
 
 fn with<'a>(more: &[&'a str]) -> Vec<&'a str> {
@@ -43,10 +43,11 @@ fn checkpoint(folder: &Folder) -> u64 {
         .unwrap_or(0)
 }
 
-/// Waits for a checkpoint after number `after` and some time more, then sends SIGKILL. False when the run was done before.
+/// Waits until a checkpoint after number `after` is on disk, and some time more, then sends SIGKILL. False when the run was done before.
 fn kill_after_checkpoint(mut child: Child, folder: &Folder, after: u64, more_ms: u64) -> bool {
     let begin = Instant::now();
-    while checkpoint(folder) <= after {
+    // The second one: while it is seen being written, the first one is whole.
+    while checkpoint(folder) <= after + 1 {
         assert!(begin.elapsed() < Duration::from_secs(60), "no checkpoint");
         if child.try_wait().expect("a child").is_some() {
             return false;
@@ -133,7 +134,7 @@ fn refusals_interrupts_and_other_processes() {
                 "-o",
                 "out.bsk",
                 "--zstd",
-                "9",
+                "15",
                 "--resume",
             ][..],
             ["the voxel type was u16 and is u8", "the source"],
@@ -148,7 +149,7 @@ fn refusals_interrupts_and_other_processes() {
                 "8",
                 "--resume",
             ],
-            ["--zstd was 9 and is 8", "out.bsk"],
+            ["--zstd was 15 and is 8", "out.bsk"],
         ),
     ] {
         let run = folder.run(args).expect(2);
