@@ -1,7 +1,5 @@
 //! The 512 bits of a brick: which of its 8×8×8 blocks (of 4³ voxels) can show something.
 
-use glam::UVec3;
-
 use super::visibility::Visibility;
 use crate::geom::{BLOCKS_PER_BRICK, BLOCKS_PER_EDGE};
 
@@ -112,28 +110,6 @@ impl Occupancy {
             },
         ))
     }
-
-    /// The smallest box with all active blocks: first block inside and first outside per axis, in blocks; `None` when
-    /// empty.
-    pub fn bounds(&self) -> Option<(UVec3, UVec3)> {
-        let (mut all, mut zs) = (0_u64, 0_u8);
-        for z in 0..BLOCKS_PER_EDGE {
-            let slice = self.slice(z);
-            all |= slice;
-            zs |= u8::from(slice != 0) << z;
-        }
-        let rows = all.to_le_bytes();
-        let xs = rows.iter().fold(0, |acc, row| acc | row);
-        let ys = (0..8).fold(0_u8, |acc, y| acc | u8::from(rows[y] != 0) << y);
-        let first = |bits: u8| bits.trailing_zeros();
-        let end = |bits: u8| 8 - bits.leading_zeros();
-        (all != 0).then(|| {
-            (
-                UVec3::new(first(xs), first(ys), first(zs)),
-                UVec3::new(end(xs), end(ys), end(zs)),
-            )
-        })
-    }
 }
 
 #[cfg(test)]
@@ -153,12 +129,6 @@ mod tests {
             "named so"
         );
         assert_eq!(Occupancy::FULL.count(), 512, "all");
-        assert_eq!(Occupancy::EMPTY.bounds(), None, "no box");
-        assert_eq!(
-            Occupancy::FULL.bounds(),
-            Some((UVec3::ZERO, UVec3::splat(8))),
-            "whole box"
-        );
         assert_eq!(Occupancy::corner(8, 8, 8), Occupancy::FULL, "whole corner");
         assert_eq!(Occupancy::corner(3, 0, 8), Occupancy::EMPTY, "no corner");
         assert_eq!(Occupancy::corner(3, 2, 5).count(), 30, "3 · 2 · 5");
@@ -171,28 +141,19 @@ mod tests {
         let o = Occupancy::from_ranges(&ranges, &Visibility::AboveMinimum { floor: 0.0 });
         assert_eq!(o.count(), 1, "one");
         assert!(o.get(3, 5, 7), "that one");
-        assert_eq!(
-            o.bounds(),
-            Some((UVec3::new(3, 5, 7), UVec3::new(4, 6, 8))),
-            "a box of one block"
-        );
     }
 
     proptest! {
         #[test]
-        fn words_slices_bits_and_box_agree(words in any::<[u32; 16]>(), thin in any::<[u32; 16]>()) {
+        fn words_slices_and_bits_agree(words in any::<[u32; 16]>(), thin in any::<[u32; 16]>()) {
             let o = Occupancy::from_words(words).intersection(&Occupancy::from_words(thin));
             let slices = std::array::from_fn(|z| o.slice(z as u32));
             prop_assert_eq!(Occupancy::from_slices(slices), o);
             let mut copy = Occupancy::EMPTY;
-            let (mut min, mut max) = (UVec3::splat(8), UVec3::ZERO);
             for (x, y, z) in blocks().filter(|&(x, y, z)| o.get(x, y, z)) {
                 copy.set(x, y, z, true);
-                min = min.min(UVec3::new(x, y, z));
-                max = max.max(UVec3::new(x, y, z) + 1);
             }
             prop_assert_eq!(copy, o);
-            prop_assert_eq!(o.bounds(), (!o.is_empty()).then_some((min, max)));
         }
     }
 }

@@ -158,7 +158,8 @@ pub(super) struct PictureArgs {
     /// auto, cpu, or part of a graphics adapter's name
     #[arg(long, default_value = "auto", help_heading = "Machine")]
     device: String,
-    /// Bound of all memory on the graphics adapter [default: what it can give]
+    /// Bound of all memory on the graphics adapter [default: what the picture may need, at most 4GiB, on a software adapter
+    /// 2GiB]
     #[arg(long, value_name = "SIZE", help_heading = "Machine")]
     gpu_memory: Option<ByteSize>,
     /// Decoded bricks kept in host memory [default: 1GiB]

@@ -49,7 +49,7 @@ impl std::fmt::Debug for ReadHookOption {
 pub struct EngineOptions {
     /// Which device draws.
     pub device: DeviceChoice,
-    /// Bound of all bytes on the GPU; `None`: what the adapter can give.
+    /// Bound of all bytes on the GPU; `None`: what the picture may need, at most 4 GiB, on a software adapter 2.
     pub gpu_memory_bytes: Option<u64>,
     /// Bytes of decoded bricks kept in host memory.
     pub ram_bytes: u64,

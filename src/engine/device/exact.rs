@@ -38,8 +38,6 @@ pub(super) struct ExactRun {
     pub(super) touched: BTreeSet<BrickId>,
     /// Bricks that rays asked for.
     pub(super) requested: BTreeSet<BrickId>,
-    /// Dispatches of the caster.
-    pub(super) dispatches: u64,
 }
 
 /// What to do while bricks are on their way.
@@ -175,7 +173,6 @@ impl ExactRun {
             counts: RayCounts::default(),
             touched: BTreeSet::new(),
             requested: BTreeSet::new(),
-            dispatches: 0,
         }
     }
 
@@ -210,7 +207,11 @@ impl ExactRun {
                 Wait::Upload { bytes } => volume.advance(gpu, bytes)?,
             }
             if !volume.is_placed() {
-                return Ok(Progress::Waiting);
+                return match wait {
+                    // Nothing is under way that could be waited for.
+                    Wait::Block => Err(EngineError::Worker),
+                    Wait::Upload { .. } => Ok(Progress::Waiting),
+                };
             }
             self.is_waiting = false;
             if let Some(error) = volume.take_failure(&self.needed) {
@@ -236,7 +237,6 @@ impl ExactRun {
         let begin = Instant::now();
         let report = renderer.cast_and_wait(gpu, inputs, &mut volume.residency, &tile, &cast)?;
         self.adapt(gpu, begin.elapsed(), &report);
-        self.dispatches += 1;
         let touched = volume.bricks_in(&report.used_slots);
         self.touched.extend(&touched);
         let is_turn_over = report.pending_groups.is_empty();

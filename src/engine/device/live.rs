@@ -184,7 +184,21 @@ impl GpuDevice {
         let Some(mut live) = self.live.take() else {
             return Ok(TickReport::default());
         };
-        let result = self.tick_on(&mut live, budget);
+        let result = match self.tick_on(&mut live, budget) {
+            // With less memory the same again.
+            Err(error) => match self.with_less(error) {
+                Ok(note) => {
+                    tracing::warn!("{note}");
+                    live.phase = Phase::Preparing(None);
+                    Ok(None)
+                }
+                Err(error) => {
+                    live.phase = Phase::Failed;
+                    Err(error)
+                }
+            },
+            done => done,
+        };
         let failed_bricks = self.volume.as_ref().map_or(0, |v| v.failed_count());
         let report = TickReport {
             event: None,
@@ -241,19 +255,11 @@ impl GpuDevice {
                     },
                     Err(TryRecvError::Disconnected) => return Err(EngineError::Worker),
                 };
-                let ready = match self.make_ready(ready, ROOM) {
-                    Err(error) => {
-                        // With less memory the same again.
-                        self.with_less(error)?;
-                        live.phase = Phase::Preparing(None);
-                        return Ok((None, false));
-                    }
-                    Ok(ready) => ready,
-                };
+                let ready = self.make_ready(ready, ROOM)?;
                 let begins_coarse = ready.pictures.len() > 1;
                 live.ready = Some(ready);
                 live.phase = if begins_coarse {
-                    Phase::Coarse(self.begin_run(live, 0, false)?)
+                    Phase::Coarse(self.begin_run(live, 0)?)
                 } else {
                     self.begin_draft(live)?
                 };
@@ -341,13 +347,13 @@ impl GpuDevice {
         job
     }
 
-    /// Begins the picture number `number` of those that are ready.
-    fn begin_run(
+    /// Sends what the picture number `number` of those that are ready is drawn from; returns its size and that of its tiles.
+    fn begin_picture(
         &mut self,
         live: &Live,
         number: usize,
         draft: bool,
-    ) -> Result<ExactRun, EngineError> {
+    ) -> Result<([u32; 2], [u32; 2]), EngineError> {
         let (Some(ready), Some(volume)) = (&live.ready, &self.volume) else {
             unreachable!("invariant: a picture begins when it is ready")
         };
@@ -357,16 +363,22 @@ impl GpuDevice {
         self.renderer.set_mesh(&self.gpu, mesh)?;
         self.renderer
             .begin_picture(&self.gpu, &inputs, &volume.residency, tile, draft)?;
+        Ok((plan.settings.size, tile))
+    }
+
+    fn begin_run(&mut self, live: &Live, number: usize) -> Result<ExactRun, EngineError> {
+        let (size, tile) = self.begin_picture(live, number, false)?;
         let base = live
             .image
-            .clone()
-            .filter(|i| [i.width, i.height] == plan.settings.size);
-        Ok(ExactRun::new(&self.gpu, plan.settings.size, tile, base))
+            .as_ref()
+            .filter(|i| [i.width, i.height] == size)
+            .cloned();
+        Ok(ExactRun::new(&self.gpu, size, tile, base))
     }
 
     fn begin_draft(&mut self, live: &Live) -> Result<Phase, EngineError> {
         let last = live.ready.as_ref().map_or(0, |r| r.pictures.len() - 1);
-        self.begin_run(live, last, true)?;
+        self.begin_picture(live, last, true)?;
         Ok(Phase::Draft(Draft::default()))
     }
 
@@ -470,7 +482,7 @@ impl GpuDevice {
 
     fn begin_exact(&mut self, live: &Live) -> Result<Phase, EngineError> {
         let last = live.ready.as_ref().map_or(0, |r| r.pictures.len() - 1);
-        Ok(Phase::Exact(self.begin_run(live, last, false)?))
+        Ok(Phase::Exact(self.begin_run(live, last)?))
     }
 
     /// Asks for what the rays of a draft missed; false when that and what they used doesn't fit the atlas together.
