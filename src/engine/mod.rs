@@ -201,6 +201,7 @@ fn render_on_cpu(
         device: "cpu".into(),
         samples: drawn.counts.samples,
         samples_skipped: drawn.counts.skipped,
+        samples_contributing: Some(drawn.counts.contributing),
         bricks_read: Some(drawn.bricks_read),
         lod: rays.levels[0].lod.0,
         ..PictureStats::default()

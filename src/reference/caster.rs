@@ -54,14 +54,14 @@ pub fn render(
                         readers,
                         settings,
                         iso: classified.iso_stored,
-                        samples: 0,
+                        counts: RayCounts::default(),
                     };
                     row.push(match settings.mode {
                         Mode::Dvr => caster.dvr(spans),
                         Mode::Iso => caster.iso(spans),
                         Mode::Mip => caster.mip(spans),
                     });
-                    counts.samples += caster.samples;
+                    counts += caster.counts;
                 }
                 match readers.iter_mut().find_map(|r| r.error.take()) {
                     Some(error) => Err(error),
@@ -78,7 +78,7 @@ pub fn render(
     let mut counts = RayCounts::default();
     for (row, row_counts) in rows? {
         image.pixels.extend(row);
-        counts.samples += row_counts.samples;
+        counts += row_counts;
     }
     Ok(ReferencePicture {
         image,
@@ -151,7 +151,7 @@ struct Caster<'r, 'f, 'a> {
     readers: &'r mut [FieldReader<'f>],
     settings: &'a PictureSettings,
     iso: f32,
-    samples: u64,
+    counts: RayCounts,
 }
 
 impl Caster<'_, '_, '_> {
@@ -189,10 +189,11 @@ impl Caster<'_, '_, '_> {
             // The sample at a switch is the coarser level's.
             for i in ray.first..=ray.last.min(level.end as i32 - 1) {
                 let offset = ray.offset(i as f32);
-                self.samples += 1;
+                self.counts.samples += 1;
                 let value = self.value(l, level, offset);
                 let [r, g, b, a] = lut.sample(value);
                 if a > 0.0 {
+                    self.counts.contributing += 1;
                     let color = self.lit(Vec3::new(r, g, b), l, span, offset);
                     let weight = (1.0 - sum.w) * a;
                     sum += color.extend(1.0) * weight;
@@ -209,9 +210,13 @@ impl Caster<'_, '_, '_> {
         let mut greatest = None;
         for (l, (ray, level, lut)) in spans.enumerate() {
             for i in ray.first..=ray.last.min(level.end as i32 - 1) {
-                self.samples += 1;
+                self.counts.samples += 1;
                 let value = self.value(l, level, ray.offset(i as f32));
-                greatest = Some((greatest.map_or(value, |(g, _): (f32, _)| g.max(value)), lut));
+                let is_more = greatest.is_none_or(|(g, _): (f32, _)| value > g);
+                if is_more {
+                    self.counts.contributing += 1;
+                    greatest = Some((value, lut));
+                }
             }
         }
         let Some((greatest, lut)) = greatest else {
@@ -227,9 +232,10 @@ impl Caster<'_, '_, '_> {
             // A segment has the level of its first sample, and both ends are sampled there (design.md §3).
             let mut previous = None;
             for i in ray.first..=ray.last {
-                self.samples += 1;
+                self.counts.samples += 1;
                 let above = self.value(l, level, ray.offset(i as f32)) >= self.iso;
                 if previous.is_some_and(|p: bool| p != above) {
+                    self.counts.contributing += 1;
                     let offset = ray.offset(self.refine(l, &ray, level, i as f32, above));
                     let surface = self.settings.classification.iso;
                     let color = surface.map_or(Vec3::ONE, |s| s.color);

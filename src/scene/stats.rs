@@ -11,6 +11,16 @@ pub struct RayCounts {
     pub samples: u64,
     /// Samples inside the volume that skipping saved; those behind a terminated ray don't count.
     pub skipped: u64,
+    /// Samples that changed the picture: with opacity (`dvr`), a new maximum of their ray (`mip`), the hit (`iso`).
+    pub contributing: u64,
+}
+
+impl std::ops::AddAssign for RayCounts {
+    fn add_assign(&mut self, other: Self) {
+        self.samples += other.samples;
+        self.skipped += other.skipped;
+        self.contributing += other.contributing;
+    }
 }
 
 /// The keys of `--stats`, in cli.md's meaning; `None` where not applicable.
@@ -45,4 +55,7 @@ pub struct PictureStats {
     /// The level that was drawn. Not a key of `--stats`: cli.md lists those.
     #[serde(skip)]
     pub lod: u8,
+    /// [`RayCounts::contributing`]; `None` from a renderer that doesn't count them. Not a key of `--stats` either.
+    #[serde(skip)]
+    pub samples_contributing: Option<u64>,
 }
