@@ -13,6 +13,7 @@ pub mod bricking;
 pub mod camera;
 pub mod classify;
 pub mod cli;
+pub mod cpu;
 pub mod engine;
 pub mod export;
 pub mod geom;

@@ -58,11 +58,17 @@ const MODULES: &[Module] = &[
         ],
     ),
     module(
+        5,
+        "cpu",
+        &["store", "volume", "classify", "geom", "scene"],
+    ),
+    module(
         6,
         "engine",
         &[
             "render",
             "reference",
+            "cpu",
             "pager",
             "store",
             "gpu",

@@ -1,10 +1,11 @@
 //! The one façade: open a store, choose a device, make pictures. Commands, viewer, server and bindings stand on it.
 //!
-//! Wiring only: it hands the pager's plans to the loader and to `render`, and the same settings to `reference` when the
-//! device is the CPU. No algorithm lives here, and nothing above it names `render`, `gpu` or `pager`.
+//! Wiring only: it hands the pager's plans to the loader and to `render`, and the same settings to `cpu` when the device is
+//! the CPU. No algorithm lives here, and nothing above it names `render`, `gpu` or `pager`.
 
 #[cfg(feature = "gpu")]
 mod device;
+mod host;
 mod options;
 mod picture;
 mod tick;
@@ -14,13 +15,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 pub use options::{
-    DeviceChoice, EngineError, EngineOptions, ReadHook, ReadHookOption, SampleFilter,
+    DeviceChoice, EngineError, EngineOptions, InstructionSet, ReadHook, ReadHookOption, SampleFilter,
 };
 pub use picture::Picture;
 pub use tick::{TickBudget, TickEvent, TickReport};
 
-use crate::reference;
-use crate::scene::{Classified, GridParams, PictureSettings, PictureStats, RayFrame, SceneError};
+use crate::scene::{Classified, GridParams, PictureSettings, RayFrame, SceneError};
+use host::HostDevice;
 use crate::store::{Store, StoreMeta};
 
 /// A store and the device that draws it.
@@ -35,7 +36,7 @@ pub struct Engine {
 
 #[derive(Debug)]
 enum Device {
-    Cpu(Box<tick::CpuPicture>),
+    Cpu(Box<HostDevice>),
     #[cfg(feature = "gpu")]
     Gpu(Box<device::GpuDevice>),
 }
@@ -78,7 +79,7 @@ impl Engine {
     /// The device in words, for people: the adapter's name, or the CPU.
     pub fn device_name(&self) -> String {
         match &self.device {
-            Device::Cpu(_) => "CPU (reference renderer)".into(),
+            Device::Cpu(cpu) => cpu.name(),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.name(),
         }
@@ -88,18 +89,20 @@ impl Engine {
     pub fn set_budgets(&mut self, gpu_memory_bytes: Option<u64>, ram_bytes: u64) {
         self.options.gpu_memory_bytes = gpu_memory_bytes;
         self.options.ram_bytes = ram_bytes;
-        #[cfg(feature = "gpu")]
-        if let Device::Gpu(gpu) = &mut self.device {
-            gpu.set_budgets(gpu_memory_bytes, ram_bytes);
+        match &mut self.device {
+            Device::Cpu(cpu) => cpu.set_budget(ram_bytes),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.set_budgets(gpu_memory_bytes, ram_bytes),
         }
     }
 
     /// Drops what is resident on the device and decoded in host memory: the next picture reads everything again.
     /// Pipelines are kept.
     pub fn forget_bricks(&mut self) {
-        #[cfg(feature = "gpu")]
-        if let Device::Gpu(gpu) = &mut self.device {
-            gpu.forget();
+        match &mut self.device {
+            Device::Cpu(cpu) => cpu.forget(),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.forget(),
         }
     }
 
@@ -110,7 +113,7 @@ impl Engine {
     pub fn render(&mut self, settings: &PictureSettings) -> Result<Picture, EngineError> {
         let begin = Instant::now();
         let mut picture = match &mut self.device {
-            Device::Cpu(_) => render_on_cpu(&self.store, &self.options, settings)?,
+            Device::Cpu(cpu) => cpu.render(settings)?,
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.render(settings)?,
         };
@@ -134,8 +137,9 @@ fn open_device(
 ) -> Result<(Device, Option<String>), EngineError> {
     use crate::gpu::{AdapterChoice, GpuError};
 
+    let host = || Device::Cpu(Box::new(HostDevice::new(store, options)));
     let choice = match &options.device {
-        DeviceChoice::Cpu => return Ok((Device::Cpu(Box::default()), None)),
+        DeviceChoice::Cpu | DeviceChoice::Reference => return Ok((host(), None)),
         DeviceChoice::Auto => AdapterChoice::Best,
         DeviceChoice::SoftwareGpu => AdapterChoice::SoftwareFirst,
         DeviceChoice::Named(name) => AdapterChoice::Named(name.clone()),
@@ -145,7 +149,7 @@ fn open_device(
         Err(EngineError::Gpu(error @ (GpuError::NoAdapter | GpuError::NoDevice { .. })))
             if options.device == DeviceChoice::Auto =>
         {
-            Ok((Device::Cpu(Box::default()), Some(error.to_string())))
+            Ok((host(), Some(error.to_string())))
         }
         Err(error) => Err(error),
     }
@@ -153,13 +157,14 @@ fn open_device(
 
 #[cfg(not(feature = "gpu"))]
 fn open_device(
-    _store: &Arc<Store>,
+    store: &Arc<Store>,
     options: &EngineOptions,
 ) -> Result<(Device, Option<String>), EngineError> {
+    let host = || Device::Cpu(Box::new(HostDevice::new(store, options)));
     match &options.device {
-        DeviceChoice::Cpu => Ok((Device::Cpu(Box::default()), None)),
+        DeviceChoice::Cpu | DeviceChoice::Reference => Ok((host(), None)),
         DeviceChoice::Auto => Ok((
-            Device::Cpu(Box::default()),
+            host(),
             Some("this build has no GPU renderer (feature `gpu`)".into()),
         )),
         DeviceChoice::Named(_) | DeviceChoice::SoftwareGpu => Err(EngineError::NoGpuBuilt),
@@ -182,34 +187,4 @@ fn prepare(
     let rays = RayFrame::new(&settings.camera, settings.size, &params)?;
     let classified = Classified::new(settings, meta, &rays)?;
     Ok((rays, classified))
-}
-
-fn render_on_cpu(
-    store: &Store,
-    options: &EngineOptions,
-    settings: &PictureSettings,
-) -> Result<Picture, EngineError> {
-    let (rays, classified) = prepare(store, settings)?;
-    let share = options.ram_bytes / rays.used_levels as u64;
-    let mut fields = Vec::with_capacity(rays.used_levels);
-    for level in rays.used() {
-        store.check_level(level.lod)?;
-        fields.push(reference::VoxelField::new(store, level.lod, share));
-    }
-    let drawn = reference::render(&fields, &rays, &classified, settings)?;
-    let stats = PictureStats {
-        device: "cpu".into(),
-        samples: drawn.counts.samples,
-        samples_skipped: drawn.counts.skipped,
-        samples_contributing: Some(drawn.counts.contributing),
-        bricks_read: Some(drawn.bricks_read),
-        lod: rays.levels[0].lod.0,
-        ..PictureStats::default()
-    };
-    Ok(Picture {
-        image: drawn.image,
-        stats,
-        touched: Vec::new(),
-        notes: Vec::new(),
-    })
 }

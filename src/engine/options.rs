@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+pub use crate::cpu::InstructionSet;
 pub use crate::pager::ReadHook;
 use crate::scene::SceneError;
 use crate::store::StoreError;
@@ -26,8 +27,10 @@ pub enum DeviceChoice {
     /// The best graphics adapter; the CPU where there is none.
     #[default]
     Auto,
-    /// The CPU reference renderer.
+    /// The CPU renderer.
     Cpu,
+    /// The simple and slow CPU renderer that the others are tested against.
+    Reference,
     /// The software adapter before any other: the same pictures on every machine, for tests.
     SoftwareGpu,
     /// The graphics adapter whose name contains this.
@@ -65,6 +68,8 @@ pub struct EngineOptions {
     pub max_slots: Option<u64>,
     /// Edge of an atlas texture at most, texels, for tests; more than the adapter's is the adapter's.
     pub max_atlas_edge: u32,
+    /// The vector instructions of the CPU renderer, for tests; `None`: the best that the processor has.
+    pub instructions: Option<InstructionSet>,
     /// Called before each brick is read, for tests: may wait, and may fail in the brick's place.
     pub read_hook: Option<ReadHookOption>,
 }
@@ -81,6 +86,7 @@ impl Default for EngineOptions {
             slot_order_seed: 0,
             max_slots: None,
             max_atlas_edge: u32::MAX,
+            instructions: None,
             read_hook: None,
         }
     }

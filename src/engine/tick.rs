@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Device, Engine, EngineError, Picture};
+use super::{Device, Engine, EngineError};
 use crate::camera::Camera;
 use crate::scene::{Classification, Image, PictureSettings, PictureStats};
 
@@ -52,26 +52,12 @@ pub struct TickReport {
     pub failed_bricks: u64,
 }
 
-/// The picture that the CPU draws in one piece.
-#[derive(Debug, Default)]
-pub(super) struct CpuPicture {
-    settings: Option<PictureSettings>,
-    picture: Option<Picture>,
-}
-
 impl Engine {
     /// Sets the picture that [`Self::tick`] draws: camera, classification and everything else. What is equal to before
     /// costs nothing; a new classification uploads no voxel.
     pub fn set_picture(&mut self, settings: PictureSettings) {
         match &mut self.device {
-            Device::Cpu(cpu) => {
-                if cpu.settings.as_ref() != Some(&settings) {
-                    **cpu = CpuPicture {
-                        settings: Some(settings),
-                        picture: None,
-                    };
-                }
-            }
+            Device::Cpu(cpu) => cpu.set_live(settings),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.set_live(settings),
         }
@@ -97,48 +83,30 @@ impl Engine {
     /// What [`Self::tick`] draws.
     pub fn picture_settings(&self) -> Option<&PictureSettings> {
         match &self.device {
-            Device::Cpu(cpu) => cpu.settings.as_ref(),
+            Device::Cpu(cpu) => cpu.live_settings(),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.live_settings(),
         }
     }
 
-    /// Does a bounded piece of work on the picture that was set. On the GPU it is whole soon, refined while bricks come,
-    /// and exact in the end, under any memory; nothing waits for disk. On the CPU one tick draws it all.
+    /// Does a bounded piece of work on the picture that was set. It is whole soon and exact in the end, under any memory.
+    /// On the GPU it is refined while bricks come, and nothing waits for disk; the CPU reads the bricks that it meets.
     ///
     /// # Errors
-    /// The settings make no picture, or the device fails or is too small. A brick that can't be read is no error here:
-    /// [`TickEvent::Failed`].
-    #[cfg_attr(
-        not(feature = "gpu"),
-        expect(unused_variables, reason = "the CPU draws in one piece")
-    )]
+    /// The settings make no picture, or the device fails or is too small. A brick that can't be read is no error on the
+    /// GPU: [`TickEvent::Failed`].
     pub fn tick(&mut self, budget: &TickBudget) -> Result<TickReport, EngineError> {
-        let settings = match &mut self.device {
+        match &mut self.device {
+            Device::Cpu(cpu) => cpu.tick(budget),
             #[cfg(feature = "gpu")]
-            Device::Gpu(gpu) => return gpu.tick(budget),
-            Device::Cpu(cpu) => cpu.settings.clone().filter(|_| cpu.picture.is_none()),
-        };
-        let mut event = None;
-        if let Some(settings) = settings {
-            let picture = self.render(&settings)?;
-            self.device = Device::Cpu(Box::new(CpuPicture {
-                settings: Some(settings),
-                picture: Some(picture),
-            }));
-            event = Some(TickEvent::Converged);
+            Device::Gpu(gpu) => gpu.tick(budget),
         }
-        Ok(TickReport {
-            event,
-            converged: self.is_converged(),
-            ..TickReport::default()
-        })
     }
 
     /// Is the picture that was set exact?
     pub fn is_converged(&self) -> bool {
         match &self.device {
-            Device::Cpu(cpu) => cpu.picture.is_some(),
+            Device::Cpu(cpu) => cpu.is_live_converged(),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.is_live_converged(),
         }
@@ -148,7 +116,7 @@ impl Engine {
     /// the one before until the new one is whole.
     pub fn image(&self) -> Option<&Image> {
         match &self.device {
-            Device::Cpu(cpu) => cpu.picture.as_ref().map(|p| &p.image),
+            Device::Cpu(cpu) => cpu.live_image(),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.live_image(),
         }
@@ -160,7 +128,7 @@ impl Engine {
     /// The device is lost.
     pub fn statistics(&mut self) -> Result<Option<PictureStats>, EngineError> {
         let stats = match &mut self.device {
-            Device::Cpu(cpu) => cpu.picture.as_ref().map(|p| p.stats.clone()),
+            Device::Cpu(cpu) => cpu.live_stats(),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.live_stats()?,
         };

@@ -54,6 +54,7 @@ pub fn render(
                         readers,
                         settings,
                         iso: classified.iso_stored,
+                        floor: classified.unseen[0],
                         counts: RayCounts::default(),
                     };
                     row.push(match settings.mode {
@@ -151,6 +152,8 @@ struct Caster<'r, 'f, 'a> {
     readers: &'r mut [FieldReader<'f>],
     settings: &'a PictureSettings,
     iso: f32,
+    /// In mode mip: the volume's least value.
+    floor: f32,
     counts: RayCounts,
 }
 
@@ -212,8 +215,8 @@ impl Caster<'_, '_, '_> {
             for i in ray.first..=ray.last.min(level.end as i32 - 1) {
                 self.counts.samples += 1;
                 let value = self.value(l, level, ray.offset(i as f32));
-                let is_more = greatest.is_none_or(|(g, _): (f32, _)| value > g);
-                if is_more {
+                let (before, _) = *greatest.get_or_insert((self.floor, lut));
+                if value > before {
                     self.counts.contributing += 1;
                     greatest = Some((value, lut));
                 }

@@ -133,6 +133,19 @@ impl PictureSettings {
     /// The default of `lod_error`: no voxel that is drawn is wider than a pixel, unless level 0 has none finer.
     pub const LOD_ERROR: f64 = 1.0;
 
+    /// A picture is whole for the first time when no voxel is wider than so many pixels, unless level 0 has none finer.
+    pub const FIRST_WHOLE_PIXELS: f64 = 4.0;
+
+    /// The same picture from coarser levels, soon there; `None` where levels are not chosen by distance, or coarse
+    /// already. It may turn out to be from the same levels.
+    pub fn first_whole(&self) -> Option<Self> {
+        let is_finer = self.lod == LodChoice::Auto && self.lod_error < Self::FIRST_WHOLE_PIXELS;
+        is_finer.then(|| Self {
+            lod_error: Self::FIRST_WHOLE_PIXELS,
+            ..self.clone()
+        })
+    }
+
     /// Which levels are sampled.
     pub fn lod_rule(&self) -> LodRule {
         match self.lod {

@@ -192,12 +192,21 @@ pub fn gpu(store: &TestStore, options: EngineOptions) -> Engine {
 /// The picture that the CPU reference draws.
 pub fn reference(store: &TestStore, settings: &PictureSettings) -> Picture {
     let options = EngineOptions {
-        device: DeviceChoice::Cpu,
+        device: DeviceChoice::Reference,
         ..EngineOptions::default()
     };
     Engine::with_store(Arc::clone(&store.store), options)
         .and_then(|mut engine| engine.render(settings))
         .expect("the reference draws")
+}
+
+/// An engine on the CPU.
+pub fn cpu(store: &TestStore, options: EngineOptions) -> Engine {
+    let options = EngineOptions {
+        device: DeviceChoice::Cpu,
+        ..options
+    };
+    Engine::with_store(Arc::clone(&store.store), options).expect("there is always a CPU")
 }
 
 /// The picture that the GPU draws with fresh caches.

@@ -4,15 +4,12 @@
 use crate::classify::Visibility;
 use crate::proxy::Mesh;
 use crate::render::FrameInputs;
-use crate::scene::{Classified, LodChoice, Mode, PictureSettings, RayFrame, Technique};
+use crate::scene::{Classified, Mode, PictureSettings, RayFrame, Technique};
 use crate::store::Store;
 
 use super::super::{EngineError, prepare};
 use super::bounds::{active_blocks, mesh};
 use super::classification::{ClassifiedBricks, KnownRanges, LevelVisibility, SeenLevels};
-
-/// A picture is whole for the first time when no voxel is wider than so many pixels, unless level 0 has none finer.
-const FIRST_WHOLE_PIXELS: f64 = 4.0;
 
 /// What a picture is drawn from, but for the volume.
 #[derive(Clone, Debug)]
@@ -57,12 +54,8 @@ impl PicturePlan {
 
     /// The same picture from coarser levels, soon there; `None` where it would be from the same ones.
     pub(super) fn first_whole(&self, store: &Store) -> Result<Option<Self>, EngineError> {
-        if self.settings.lod != LodChoice::Auto || self.settings.lod_error >= FIRST_WHOLE_PIXELS {
+        let Some(settings) = self.settings.first_whole() else {
             return Ok(None);
-        }
-        let settings = PictureSettings {
-            lod_error: FIRST_WHOLE_PIXELS,
-            ..self.settings.clone()
         };
         let coarse = Self::new(store, &settings)?;
         Ok((coarse.rays.used() != self.rays.used()).then_some(coarse))

@@ -1,0 +1,343 @@
+//! A level as a packet reads it: where each lane is, the brick that it is in, values and gradients there.
+
+use super::bricks::NearBricks;
+use super::rays::{Rays, Vec3, zip};
+use super::simd::{LaneTable, Lanes, MAX_LANES, PerLane};
+use crate::geom::{BLOCK_EDGE, BLOCKS_PER_EDGE, BRICK_BORDER, BRICK_EDGE, STORED_EDGE};
+use crate::scene::{Interpolation, LevelFrame};
+
+const EDGE: usize = STORED_EDGE as usize;
+
+/// How voxels lie in memory.
+pub(super) trait VoxelKind: Copy {
+    /// Bytes of a voxel.
+    const BYTES: usize;
+
+    /// The voxel at each of four places, and its neighbour along x.
+    fn pairs<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I, at: [usize; 4]) -> [[L::F; 2]; 4];
+
+    /// One voxel.
+    fn one<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I) -> L::F;
+}
+
+/// u8 voxels.
+#[derive(Clone, Copy)]
+pub(super) struct U8;
+/// u16 voxels.
+#[derive(Clone, Copy)]
+pub(super) struct U16;
+/// f32 voxels.
+#[derive(Clone, Copy)]
+pub(super) struct F32;
+
+impl VoxelKind for U8 {
+    const BYTES: usize = 1;
+
+    #[inline(always)]
+    fn pairs<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I, at: [usize; 4]) -> [[L::F; 2]; 4] {
+        let low = l.i(0xff);
+        voxels
+            .gather4(l, offset, at)
+            .map(|w| [l.to_f(w & low), l.to_f(l.shr_u::<8>(w) & low)])
+    }
+
+    #[inline(always)]
+    fn one<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I) -> L::F {
+        l.to_f(voxels.gather(l, offset) & l.i(0xff))
+    }
+}
+
+impl VoxelKind for U16 {
+    const BYTES: usize = 2;
+
+    #[inline(always)]
+    fn pairs<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I, at: [usize; 4]) -> [[L::F; 2]; 4] {
+        let low = l.i(0xffff);
+        voxels
+            .gather4(l, offset, at)
+            .map(|w| [l.to_f(w & low), l.to_f(l.shr_u::<16>(w))])
+    }
+
+    #[inline(always)]
+    fn one<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I) -> L::F {
+        l.to_f(voxels.gather(l, offset) & l.i(0xffff))
+    }
+}
+
+impl VoxelKind for F32 {
+    const BYTES: usize = 4;
+
+    #[inline(always)]
+    fn pairs<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I, at: [usize; 4]) -> [[L::F; 2]; 4] {
+        let here = voxels.gather4(l, offset, at);
+        let next = voxels.gather4(l, offset, at.map(|a| a + 4));
+        std::array::from_fn(|n| [l.as_f(here[n]), l.as_f(next[n])])
+    }
+
+    #[inline(always)]
+    fn one<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I) -> L::F {
+        l.as_f(voxels.gather(l, offset))
+    }
+}
+
+/// The kind of voxels of a stored type, as a call.
+macro_rules! with_voxel_kind {
+    ($stored_type:expr, $kind:ident => $body:expr) => {
+        match $stored_type {
+            $crate::volume::StoredType::U8 => {
+                type $kind = $crate::cpu::field::U8;
+                $body
+            }
+            $crate::volume::StoredType::U16 => {
+                type $kind = $crate::cpu::field::U16;
+                $body
+            }
+            $crate::volume::StoredType::F32 => {
+                type $kind = $crate::cpu::field::F32;
+                $body
+            }
+        }
+    };
+}
+pub(super) use with_voxel_kind;
+
+const BRICK_SHIFT: u32 = BRICK_EDGE.trailing_zeros();
+const BLOCK_SHIFT: u32 = BLOCK_EDGE.trailing_zeros();
+const BLOCKS_SHIFT: u32 = BLOCKS_PER_EDGE.trailing_zeros();
+
+/// Where the lanes are.
+#[derive(Clone, Copy)]
+pub(super) struct Place<L: Lanes> {
+    /// The voxel that each is in.
+    voxel: [L::I; 3],
+    /// The first voxel of its brick.
+    brick: [L::I; 3],
+    /// The block's number in the brick.
+    pub(super) block: L::I,
+}
+
+/// A level under the lanes of a packet.
+pub(super) struct Field<'n, 'a, L: Lanes> {
+    near: &'n mut NearBricks<'a>,
+    interpolation: Interpolation,
+    /// The voxel that offsets count from.
+    anchor: [L::I; 3],
+    /// The last voxel of the level.
+    last: [L::I; 3],
+    /// Bricks of a row, of a layer.
+    row: L::I,
+    layer: L::I,
+    /// Each lane's brick, by its number; −1 for none yet.
+    index: L::I,
+    voxels: LaneTable,
+    blocks: LaneTable,
+    highest: PerLane<f32>,
+    /// Lanes (bits) whose brick's voxels are there.
+    has_voxels: u32,
+}
+
+impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
+    pub(super) fn new(
+        l: L,
+        near: &'n mut NearBricks<'a>,
+        level: &LevelFrame,
+        interpolation: Interpolation,
+    ) -> Self {
+        let grid = near.level().grid();
+        let nothing = near.level().nothing();
+        let each = |v: glam::IVec3| v.to_array().map(|v| l.i(v));
+        Self {
+            interpolation,
+            anchor: each(level.anchor),
+            last: each((grid.voxels - 1).as_ivec3()),
+            row: l.i(grid.bricks.x as i32),
+            layer: l.i((grid.bricks.x * grid.bricks.y) as i32),
+            index: l.i(-1),
+            voxels: LaneTable::new(&nothing.voxels),
+            blocks: LaneTable::new(&nothing.blocks),
+            highest: [f32::MIN; MAX_LANES],
+            has_voxels: 0,
+            near,
+        }
+    }
+
+    /// Where `lanes` are at `offset`; their bricks are made ready.
+    #[inline(always)]
+    pub(super) fn locate(&mut self, l: L, offset: Vec3<L>, lanes: L::M) -> Place<L> {
+        let zero = l.i(0);
+        let voxel: [L::I; 3] = std::array::from_fn(|a| {
+            let voxel = self.anchor[a] + l.to_i(l.floor(offset[a]));
+            l.max_i(l.min_i(voxel, self.last[a]), zero)
+        });
+        let brick = voxel.map(|v| l.shr::<BRICK_SHIFT>(v));
+        let index = brick[0] + brick[1] * self.row + brick[2] * self.layer;
+        let moved = lanes & !l.eq_i(index, self.index);
+        if l.any(moved) {
+            self.enter(l, index, moved, false);
+            self.index = l.pick_i(moved, index, self.index);
+        }
+        let in_brick = l.i(BLOCKS_PER_EDGE as i32 - 1);
+        let block = voxel.map(|v| l.shr::<BLOCK_SHIFT>(v) & in_brick);
+        Place {
+            voxel,
+            brick: brick.map(|b| l.shl::<BRICK_SHIFT>(b)),
+            block: block[0]
+                + l.shl::<BLOCKS_SHIFT>(block[1] + l.shl::<BLOCKS_SHIFT>(block[2])),
+        }
+    }
+
+    /// Points `lanes` at the bricks of number `index`.
+    #[inline(never)]
+    fn enter(&mut self, l: L, index: L::I, lanes: L::M, needs_voxels: bool) {
+        let each = l.store_i(index);
+        let mut left = l.bits(lanes);
+        while left != 0 {
+            let first = each[left.trailing_zeros() as usize];
+            let mut same = 0;
+            for (lane, &i) in each[..L::WIDTH].iter().enumerate() {
+                same |= u32::from(i == first) << lane;
+            }
+            same &= left;
+            let brick = self.near.get(first as u64, needs_voxels);
+            self.voxels.set(same, &brick.voxels);
+            self.blocks.set(same, &brick.blocks);
+            for (lane, highest) in self.highest.iter_mut().enumerate() {
+                if same >> lane & 1 == 1 {
+                    *highest = brick.highest;
+                }
+            }
+            self.has_voxels &= !same;
+            if brick.has_voxels {
+                self.has_voxels |= same;
+            }
+            left &= !same;
+        }
+    }
+
+    /// Is there a lane of `lanes` whose brick's voxels nobody has needed so far?
+    #[inline(always)]
+    pub(super) fn lacks_voxels(&self, l: L, lanes: L::M) -> bool {
+        l.bits(lanes) & !self.has_voxels != 0
+    }
+
+    /// Reads the voxels of the bricks of `lanes` that nobody has needed so far.
+    #[inline(always)]
+    pub(super) fn need_voxels(&mut self, l: L, lanes: L::M) {
+        let lanes = lanes & l.mask(!self.has_voxels);
+        if l.any(lanes) {
+            self.enter(l, self.index, lanes, true);
+        }
+    }
+
+    /// The byte of each lane's block ([`super::skip`]).
+    #[inline(always)]
+    pub(super) fn skip_byte(&self, l: L, place: &Place<L>) -> L::I {
+        self.blocks.gather(l, place.block) & l.i(0xff)
+    }
+
+    /// What no sample of the lane's block, and of its brick, is above.
+    #[inline(always)]
+    pub(super) fn highest(&self, l: L, place: &Place<L>) -> [L::F; 2] {
+        let brick = l.load_f(&self.highest);
+        let block = l.as_f(self.blocks.gather(l, l.shl::<2>(place.block)));
+        [l.min(block, brick), brick]
+    }
+
+    /// The first sample behind the blocks that are nearer than `distance` to each lane's, in its brick.
+    #[inline(always)]
+    pub(super) fn behind_blocks(
+        &self,
+        l: L,
+        rays: &Rays<L>,
+        place: &Place<L>,
+        distance: L::I,
+    ) -> L::I {
+        let reach = l.shl::<BLOCK_SHIFT>(distance);
+        let size = l.i(BRICK_EDGE as i32);
+        let edge = l.i(BLOCK_EDGE as i32);
+        let own = place.voxel.map(|v| l.shl::<BLOCK_SHIFT>(l.shr::<BLOCK_SHIFT>(v)));
+        let low = zip(own, place.brick, |o, b| l.max_i(o + edge - reach, b));
+        let high = zip(own, place.brick, |o, b| l.min_i(o + reach, b + size));
+        self.behind(l, rays, low, high)
+    }
+
+    /// The first sample behind each lane's brick.
+    #[inline(always)]
+    pub(super) fn behind_brick(&self, l: L, rays: &Rays<L>, place: &Place<L>) -> L::I {
+        let size = l.i(BRICK_EDGE as i32);
+        self.behind(l, rays, place.brick, place.brick.map(|b| b + size))
+    }
+
+    /// The first sample behind the box from voxel `low` to `high`. Rounding may take it a hair beyond: the ranges of
+    /// blocks cover half a voxel more.
+    #[inline(always)]
+    fn behind(&self, l: L, rays: &Rays<L>, low: [L::I; 3], high: [L::I; 3]) -> L::I {
+        let zero = l.f(0.0);
+        let t: Vec3<L> = std::array::from_fn(|a| {
+            let face = l.pick_i(l.gt(rays.step[a], zero), high[a], low[a]) - self.anchor[a];
+            (l.to_f(face) - rays.base[a]) * rays.inverse_step[a]
+        });
+        let t = l.min(l.min(t[0], t[1]), t[2]);
+        l.to_i(l.floor(l.max(l.min(t, l.f(1e9)), l.f(-1.0)))) + l.i(1)
+    }
+
+    /// The values at `offset`, which is in the bricks of `place`.
+    #[inline(always)]
+    pub(super) fn value<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
+        match self.interpolation {
+            Interpolation::Linear => self.trilinear::<K>(l, place, offset),
+            Interpolation::Nearest => self.nearest::<K>(l, place, offset),
+        }
+    }
+
+    /// Bytes from the beginning of the bricks to voxel `voxel` of the level, which is in them or their border.
+    #[inline(always)]
+    fn voxel_at<K: VoxelKind>(&self, l: L, place: &Place<L>, voxel: [L::I; 3]) -> L::I {
+        let edge = l.i(EDGE as i32);
+        let border = l.i(BRICK_BORDER as i32);
+        let [x, y, z] = zip(voxel, place.brick, |v, b| v - b + border);
+        let at = x + (y + z * edge) * edge;
+        match K::BYTES {
+            1 => at,
+            2 => l.shl::<1>(at),
+            _ => l.shl::<2>(at),
+        }
+    }
+
+    /// The voxels that contain `offset`, values.
+    #[inline(always)]
+    fn nearest<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
+        let voxel = zip(offset, self.anchor, |o, a| l.to_i(l.floor(o)) + a);
+        K::one(l, &self.voxels, self.voxel_at::<K>(l, place, voxel))
+    }
+
+    #[inline(always)]
+    fn trilinear<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
+        let half = l.f(0.5);
+        let shifted = offset.map(|o| o - half);
+        let floor = shifted.map(|s| l.floor(s));
+        let f = zip(shifted, floor, |s, fl| s - fl);
+        let voxel = zip(floor, self.anchor, |f, a| l.to_i(f) + a);
+        let at = self.voxel_at::<K>(l, place, voxel);
+        let row = EDGE * K::BYTES;
+        let layer = EDGE * row;
+        let lerp = |a: L::F, b: L::F, t: L::F| a + (b - a) * t;
+        let [a, b, c, d] = K::pairs(l, &self.voxels, at, [0, row, layer, layer + row])
+            .map(|[here, next]| lerp(here, next, f[0]));
+        lerp(lerp(a, b, f[1]), lerp(c, d, f[1]), f[2])
+    }
+
+    /// Central differences at ±½ voxel of the level (design.md §3), per level voxel.
+    #[inline(always)]
+    pub(super) fn gradient<K: VoxelKind>(&self, l: L, place: &Place<L>, at: Vec3<L>) -> Vec3<L> {
+        let half = l.f(0.5);
+        std::array::from_fn(|axis| {
+            let tap = |by: L::F| {
+                let mut tap = at;
+                tap[axis] = tap[axis] + by;
+                self.value::<K>(l, place, tap)
+            };
+            tap(half) - tap(l.f(-0.5))
+        })
+    }
+}

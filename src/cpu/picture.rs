@@ -1,0 +1,273 @@
+//! Whole pictures: tiles of packets on all threads.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use glam::Vec4;
+use rayon::prelude::*;
+
+use super::bricks::{BrickCache, CastLevel, NearBricks, Purpose};
+use super::cast::{Colors, Scene, cast};
+use super::field::{VoxelKind, with_voxel_kind};
+use super::simd::{InstructionSet, Kernel, Lanes};
+use super::skip::Seen;
+use super::table::Table;
+use crate::geom::Lod;
+use crate::scene::{Classified, Image, Mode, PictureSettings, RayCounts, RayFrame, Technique};
+use crate::store::{Store, StoreError};
+
+/// Pixels along the edge of a tile: what a thread draws at once.
+const TILE: u32 = 32;
+
+/// A store and what of it is decoded, kept from picture to picture.
+#[derive(Debug)]
+pub struct CpuRenderer {
+    cache: BrickCache,
+    instructions: InstructionSet,
+    /// What the blocks of each level have been classified by, and the number of that.
+    purposes: Vec<Option<(Purpose, u64)>>,
+    generations: u64,
+}
+
+/// What has been read of the store, since the renderer was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CpuTraffic {
+    /// Bricks read and decoded.
+    pub bricks_read: u64,
+    /// Bytes of their records.
+    pub bytes_read: u64,
+    /// Bytes of their voxels.
+    pub bytes_decompressed: u64,
+}
+
+/// A picture in work: settings made ready, and which tiles are drawn.
+#[derive(Debug)]
+pub struct CpuPicture {
+    frame: RayFrame,
+    classified: Classified,
+    settings: PictureSettings,
+    image: Image,
+    counts: RayCounts,
+    next_tile: u32,
+}
+
+impl CpuPicture {
+    /// Nothing is drawn yet.
+    pub fn new(frame: RayFrame, classified: Classified, settings: PictureSettings) -> Self {
+        Self {
+            image: Image::clear(frame.size),
+            counts: RayCounts::default(),
+            next_tile: 0,
+            frame,
+            classified,
+            settings,
+        }
+    }
+
+    /// Are all tiles drawn?
+    pub fn is_done(&self) -> bool {
+        self.next_tile >= self.tiles()
+    }
+
+    /// Samples so far.
+    pub fn counts(&self) -> RayCounts {
+        self.counts
+    }
+
+    /// The sample grid.
+    pub fn frame(&self) -> &RayFrame {
+        &self.frame
+    }
+
+    /// The picture, premultiplied, before the background; nothing where tiles are missing.
+    pub fn into_image(self) -> Image {
+        self.image
+    }
+
+    fn tiles_across(&self) -> u32 {
+        self.frame.size[0].div_ceil(TILE)
+    }
+
+    fn tiles(&self) -> u32 {
+        self.tiles_across() * self.frame.size[1].div_ceil(TILE)
+    }
+}
+
+impl CpuRenderer {
+    /// A renderer of `store` that keeps at most `ram_bytes` of decoded bricks (a few at least).
+    pub fn new(store: &Arc<Store>, ram_bytes: u64, instructions: InstructionSet) -> Self {
+        Self {
+            cache: BrickCache::new(store, ram_bytes),
+            instructions,
+            purposes: vec![None; store.levels()],
+            generations: 0,
+        }
+    }
+
+    /// The processor's instructions that it uses.
+    pub fn instructions(&self) -> InstructionSet {
+        self.instructions
+    }
+
+    /// Drops what is decoded.
+    pub fn forget(&self) {
+        self.cache.clear();
+    }
+
+    /// What has been read since it was made.
+    pub fn traffic(&self) -> CpuTraffic {
+        let of = |n: &std::sync::atomic::AtomicU64| n.load(Ordering::Relaxed);
+        let traffic = &self.cache.traffic;
+        CpuTraffic {
+            bricks_read: of(&traffic.bricks_read),
+            bytes_read: of(&traffic.bytes_read),
+            bytes_decompressed: of(&traffic.bytes_decompressed),
+        }
+    }
+
+    /// Draws up to `tiles` more tiles of `picture` on all threads of the current rayon pool.
+    ///
+    /// # Errors
+    /// A brick, or the index of a level, can't be read; the tiles are not drawn then.
+    pub fn draw(&mut self, picture: &mut CpuPicture, tiles: u32) -> Result<(), StoreError> {
+        let last = picture.next_tile.saturating_add(tiles).min(picture.tiles());
+        let (instructions, stored_type) = (self.instructions, self.cache.store().stored_type());
+        let levels = self.levels(picture)?;
+        let scene = scene_of(picture);
+        let [width, height] = picture.frame.size;
+        let across = picture.tiles_across();
+        let threads = rayon::current_num_threads();
+        let drawn: Result<Vec<Tile>, StoreError> = (picture.next_tile..last)
+            .into_par_iter()
+            .map_init(
+                || levels.iter().map(|l| l.near(threads)).collect::<Vec<_>>(),
+                |near, tile| {
+                    let [x, y] = [tile % across * TILE, tile / across * TILE];
+                    let mut tile = Tile {
+                        origin: [x, y],
+                        size: [TILE.min(width - x), TILE.min(height - y)],
+                        pixels: Vec::new(),
+                        counts: RayCounts::default(),
+                    };
+                    with_voxel_kind!(stored_type, K => instructions.run(DrawTile {
+                        scene: &scene,
+                        near,
+                        tile: &mut tile,
+                        kind: std::marker::PhantomData::<K>,
+                    }));
+                    match near.iter_mut().find_map(|n| n.error.take()) {
+                        Some(error) => Err(error),
+                        None => Ok(tile),
+                    }
+                },
+            )
+            .collect();
+        for tile in drawn? {
+            picture.counts += tile.counts;
+            let [w, h] = tile.size.map(|n| n as usize);
+            let [x, y] = tile.origin.map(|n| n as usize);
+            for (row, pixels) in tile.pixels.chunks_exact(w).take(h).enumerate() {
+                let at = (y + row) * width as usize + x;
+                picture.image.pixels[at..at + w].copy_from_slice(pixels);
+            }
+        }
+        picture.next_tile = last;
+        Ok(())
+    }
+
+    /// The levels of `picture`, under its classification.
+    fn levels(&mut self, picture: &CpuPicture) -> Result<Vec<CastLevel<'_>>, StoreError> {
+        let mut wanted = Vec::new();
+        for (level, classified) in picture.frame.used().iter().zip(&picture.classified.levels) {
+            self.cache.store().check_level(level.lod)?;
+            let purpose = match (picture.settings.technique, picture.settings.mode) {
+                (Technique::Basic, _) => Purpose::Everything,
+                (Technique::Default, Mode::Mip) => Purpose::Highest,
+                (Technique::Default, mode) => Purpose::Skip(Seen {
+                    visibility: classified.visibility.clone(),
+                    iso: (mode == Mode::Iso).then_some(picture.classified.iso_stored),
+                }),
+            };
+            wanted.push((level.lod, self.generation(level.lod, &purpose), purpose));
+        }
+        Ok(wanted
+            .into_iter()
+            .map(|(lod, generation, purpose)| CastLevel::new(&self.cache, lod, purpose, generation))
+            .collect())
+    }
+
+    /// The number of this classification of the level.
+    fn generation(&mut self, lod: Lod, purpose: &Purpose) -> u64 {
+        let last = &mut self.purposes[usize::from(lod.0)];
+        match last {
+            Some((before, generation)) if before == purpose => *generation,
+            _ => {
+                self.generations += 1;
+                *last = Some((purpose.clone(), self.generations));
+                self.generations
+            }
+        }
+    }
+}
+
+fn scene_of(picture: &CpuPicture) -> Scene<'_> {
+    let (settings, classified) = (&picture.settings, &picture.classified);
+    Scene {
+        frame: &picture.frame,
+        tables: classified.levels.iter().map(|l| Table::new(&l.lut)).collect(),
+        light: Scene::light_of(settings),
+        mode: settings.mode,
+        interpolation: settings.interpolation,
+        iso_stored: classified.iso_stored,
+        iso_color: settings
+            .classification
+            .iso
+            .map_or([1.0; 3], |s| s.color.to_array()),
+        refine: settings.refine,
+        opacity_cutoff: settings.opacity_cutoff,
+        floor: classified.unseen[0],
+        culls: settings.technique == Technique::Default,
+    }
+}
+
+/// Pixels of a part of the picture.
+struct Tile {
+    origin: [u32; 2],
+    size: [u32; 2],
+    pixels: Vec<Vec4>,
+    counts: RayCounts,
+}
+
+/// Draws a tile, packet by packet.
+struct DrawTile<'t, 's, 'a, K> {
+    scene: &'t Scene<'s>,
+    near: &'t mut [NearBricks<'a>],
+    tile: &'t mut Tile,
+    kind: std::marker::PhantomData<K>,
+}
+
+impl<K: VoxelKind> Kernel for DrawTile<'_, '_, '_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let [across, down] = L::SHAPE;
+        let [width, height] = self.tile.size;
+        let mut pixels = vec![Vec4::ZERO; (width * height) as usize];
+        for y in (0..height).step_by(down as usize) {
+            for x in (0..width).step_by(across as usize) {
+                let at = [self.tile.origin[0] + x, self.tile.origin[1] + y];
+                let colors: Colors =
+                    cast::<L, K>(l, self.scene, self.near, at, &mut self.tile.counts);
+                for lane in 0..L::WIDTH as u32 {
+                    let (px, py) = (x + lane % across, y + lane / across);
+                    if px < width && py < height {
+                        pixels[(py * width + px) as usize] =
+                            Vec4::from_array(colors.map(|c| c[lane as usize]));
+                    }
+                }
+            }
+        }
+        self.tile.pixels = pixels;
+    }
+}

@@ -1,0 +1,285 @@
+//! The CPU half of the engine: the renderer of one store, kept from picture to picture, and the picture that ticks draw.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::{
+    DeviceChoice, EngineError, EngineOptions, Picture, TickBudget, TickEvent, TickReport, prepare,
+};
+use crate::cpu::{CpuPicture, CpuRenderer, CpuTraffic, InstructionSet};
+use crate::reference;
+use crate::scene::{Image, PictureSettings, PictureStats};
+use crate::store::Store;
+
+/// Tiles per thread that a tick draws before it looks at the clock.
+const TILES_PER_THREAD: u32 = 4;
+
+/// A store and the renderer that draws it on the CPU.
+#[derive(Debug)]
+pub(super) struct HostDevice {
+    store: Arc<Store>,
+    renderer: Renderer,
+    ram_bytes: u64,
+    live: Option<Live>,
+}
+
+#[derive(Debug)]
+enum Renderer {
+    Fast(Box<CpuRenderer>),
+    /// Keeps nothing from picture to picture.
+    Reference,
+}
+
+/// The picture that was set.
+#[derive(Debug)]
+struct Live {
+    settings: PictureSettings,
+    /// What is still to be drawn, the last first; `None` before it is known.
+    pending: Option<Vec<CpuPicture>>,
+    /// What is drawn, or the picture before.
+    image: Option<Image>,
+    stats: PictureStats,
+    begin: Instant,
+    /// What had been read when it was set.
+    before: CpuTraffic,
+}
+
+impl Live {
+    fn is_converged(&self) -> bool {
+        self.pending.as_ref().is_some_and(Vec::is_empty)
+    }
+}
+
+impl HostDevice {
+    pub(super) fn new(store: &Arc<Store>, options: &EngineOptions) -> Self {
+        let renderer = match options.device {
+            DeviceChoice::Reference => Renderer::Reference,
+            _ => Renderer::Fast(Box::new(CpuRenderer::new(
+                store,
+                options.ram_bytes,
+                options.instructions.unwrap_or_else(InstructionSet::best),
+            ))),
+        };
+        Self {
+            store: Arc::clone(store),
+            renderer,
+            ram_bytes: options.ram_bytes,
+            live: None,
+        }
+    }
+
+    pub(super) fn name(&self) -> String {
+        match &self.renderer {
+            Renderer::Fast(renderer) => format!("CPU ({})", renderer.instructions().name()),
+            Renderer::Reference => "CPU (reference renderer)".into(),
+        }
+    }
+
+    /// Another bound of memory; what is decoded is dropped.
+    pub(super) fn set_budget(&mut self, ram_bytes: u64) {
+        self.ram_bytes = ram_bytes;
+        if let Renderer::Fast(renderer) = &mut self.renderer {
+            **renderer = CpuRenderer::new(&self.store, ram_bytes, renderer.instructions());
+        }
+    }
+
+    /// Drops what is decoded.
+    pub(super) fn forget(&self) {
+        if let Renderer::Fast(renderer) = &self.renderer {
+            renderer.forget();
+        }
+    }
+
+    /// Draws a picture.
+    pub(super) fn render(&mut self, settings: &PictureSettings) -> Result<Picture, EngineError> {
+        let (image, stats) = match &mut self.renderer {
+            Renderer::Fast(renderer) => {
+                let before = renderer.traffic();
+                let mut picture = begin(&self.store, settings)?;
+                renderer.draw(&mut picture, u32::MAX)?;
+                let stats = stats_of(&picture, before, renderer.traffic());
+                (picture.into_image(), stats)
+            }
+            Renderer::Reference => draw_reference(&self.store, self.ram_bytes, settings)?,
+        };
+        Ok(Picture {
+            image,
+            stats,
+            touched: Vec::new(),
+            notes: Vec::new(),
+        })
+    }
+
+    /// Sets the picture that ticks draw.
+    pub(super) fn set_live(&mut self, settings: PictureSettings) {
+        if self.live_settings() == Some(&settings) {
+            return;
+        }
+        self.live = Some(Live {
+            settings,
+            pending: None,
+            image: self.live.take().and_then(|l| l.image),
+            stats: PictureStats::default(),
+            begin: Instant::now(),
+            before: self.traffic(),
+        });
+    }
+
+    pub(super) fn live_settings(&self) -> Option<&PictureSettings> {
+        self.live.as_ref().map(|l| &l.settings)
+    }
+
+    pub(super) fn live_image(&self) -> Option<&Image> {
+        self.live.as_ref().and_then(|l| l.image.as_ref())
+    }
+
+    pub(super) fn is_live_converged(&self) -> bool {
+        self.live.as_ref().is_some_and(Live::is_converged)
+    }
+
+    pub(super) fn live_stats(&self) -> Option<PictureStats> {
+        self.live.as_ref().map(|l| l.stats.clone())
+    }
+
+    /// A piece of work on the picture that was set: first from coarser levels, then exact. The reference renderer draws it
+    /// all at once.
+    pub(super) fn tick(&mut self, budget: &TickBudget) -> Result<TickReport, EngineError> {
+        let Some(mut live) = self.live.take() else {
+            return Ok(TickReport::default());
+        };
+        let event = if live.is_converged() {
+            Ok(None)
+        } else {
+            self.advance(&mut live, budget)
+        };
+        if event.is_err() {
+            // The next tick begins again: what can't be read may be there by then.
+            live.pending = None;
+        }
+        let converged = live.is_converged();
+        self.live = Some(live);
+        Ok(TickReport {
+            event: event?,
+            converged,
+            ..TickReport::default()
+        })
+    }
+
+    fn advance(
+        &mut self,
+        live: &mut Live,
+        budget: &TickBudget,
+    ) -> Result<Option<TickEvent>, EngineError> {
+        let begun = Instant::now();
+        let Renderer::Fast(renderer) = &mut self.renderer else {
+            let picture = self.render(&live.settings)?;
+            (live.image, live.stats) = (Some(picture.image), picture.stats);
+            live.pending = Some(Vec::new());
+            mark(live, TickEvent::Converged);
+            return Ok(Some(TickEvent::Converged));
+        };
+        let pending = match &mut live.pending {
+            Some(pending) => pending,
+            None => live.pending.insert(plan(&self.store, &live.settings)?),
+        };
+        let Some(picture) = pending.last_mut() else {
+            return Ok(None);
+        };
+        let tiles = TILES_PER_THREAD * rayon::current_num_threads() as u32;
+        while !picture.is_done() {
+            if begun.elapsed() >= budget.time {
+                return Ok(None);
+            }
+            renderer.draw(picture, tiles)?;
+        }
+        let mut stats = stats_of(picture, live.before, renderer.traffic());
+        stats.first_complete_ms = live.stats.first_complete_ms;
+        live.stats = stats;
+        live.image = pending.pop().map(CpuPicture::into_image);
+        let event = if pending.is_empty() {
+            TickEvent::Converged
+        } else {
+            TickEvent::Whole
+        };
+        mark(live, event);
+        Ok(Some(event))
+    }
+
+    fn traffic(&self) -> CpuTraffic {
+        match &self.renderer {
+            Renderer::Fast(renderer) => renderer.traffic(),
+            Renderer::Reference => CpuTraffic::default(),
+        }
+    }
+}
+
+/// Notes when a picture came.
+fn mark(live: &mut Live, event: TickEvent) {
+    let now_ms = live.begin.elapsed().as_secs_f64() * 1e3;
+    live.stats.first_complete_ms.get_or_insert(now_ms);
+    live.stats.wall_ms = now_ms;
+    if event == TickEvent::Converged {
+        live.stats.converged = true;
+        live.stats.converged_ms = Some(now_ms);
+    }
+}
+
+/// A picture made ready to be drawn.
+fn begin(store: &Store, settings: &PictureSettings) -> Result<CpuPicture, EngineError> {
+    let (frame, classified) = prepare(store, settings)?;
+    Ok(CpuPicture::new(frame, classified, settings.clone()))
+}
+
+/// What leads to the exact picture, the last first.
+fn plan(store: &Store, settings: &PictureSettings) -> Result<Vec<CpuPicture>, EngineError> {
+    let exact = begin(store, settings)?;
+    let coarse = match settings.first_whole() {
+        Some(settings) => Some(begin(store, &settings)?),
+        None => None,
+    };
+    let is_coarser = |p: &CpuPicture| p.frame().used() != exact.frame().used();
+    let coarse = coarse.filter(is_coarser);
+    Ok(std::iter::once(exact).chain(coarse).collect())
+}
+
+fn stats_of(picture: &CpuPicture, before: CpuTraffic, after: CpuTraffic) -> PictureStats {
+    let counts = picture.counts();
+    let [width, height] = picture.frame().size;
+    PictureStats {
+        device: "cpu".into(),
+        rays: u64::from(width) * u64::from(height),
+        samples: counts.samples,
+        samples_skipped: counts.skipped,
+        samples_contributing: Some(counts.contributing),
+        bricks_read: Some(after.bricks_read - before.bricks_read),
+        bytes_read: Some(after.bytes_read - before.bytes_read),
+        bytes_decompressed: Some(after.bytes_decompressed - before.bytes_decompressed),
+        lod: picture.frame().levels[0].lod.0,
+        ..PictureStats::default()
+    }
+}
+
+fn draw_reference(
+    store: &Store,
+    ram_bytes: u64,
+    settings: &PictureSettings,
+) -> Result<(Image, PictureStats), EngineError> {
+    let (rays, classified) = prepare(store, settings)?;
+    let share = ram_bytes / rays.used_levels as u64;
+    let mut fields = Vec::with_capacity(rays.used_levels);
+    for level in rays.used() {
+        store.check_level(level.lod)?;
+        fields.push(reference::VoxelField::new(store, level.lod, share));
+    }
+    let drawn = reference::render(&fields, &rays, &classified, settings)?;
+    let stats = PictureStats {
+        device: "cpu".into(),
+        samples: drawn.counts.samples,
+        samples_skipped: drawn.counts.skipped,
+        samples_contributing: Some(drawn.counts.contributing),
+        bricks_read: Some(drawn.bricks_read),
+        lod: rays.levels[0].lod.0,
+        ..PictureStats::default()
+    };
+    Ok((drawn.image, stats))
+}

@@ -1,0 +1,345 @@
+//! Tier 3: the fast CPU renderer against the reference, with every kind of vector that this processor has. Unshaded
+//! pictures are equal to the bit (the same operations in the same order); lit ones within the twin bound, as powers are
+//! computed in another way. With negative controls.
+#![allow(clippy::unwrap_used, reason = "a test that can't go on has failed")]
+
+#[path = "support/compare.rs"]
+#[allow(dead_code, reason = "shared with the other tests of pictures")]
+mod compare;
+#[path = "support/memory_source.rs"]
+#[allow(dead_code, reason = "shared with the tests of bricking")]
+mod memory_source;
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with the other tests of pictures")]
+mod scenes;
+
+use std::time::Duration;
+
+use brickscope::camera::Projection;
+use brickscope::engine::{EngineOptions, InstructionSet, TickBudget, TickEvent};
+use brickscope::geom::Lod;
+use brickscope::scene::{
+    Interpolation, LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique,
+};
+use brickscope::volume::VoxelType;
+use compare::{TWIN_BOUND, assert_same_bits, assert_twins, coverage, difference};
+use glam::DVec3;
+use scenes::{TestStore, cpu, field, inside, oblique, phantom, reference, settings, store_of};
+
+const MODES: [Mode; 3] = [Mode::Dvr, Mode::Iso, Mode::Mip];
+
+/// A smooth field with structure at every scale and empty parts, over several bricks in each axis.
+fn waves(voxel_type: VoxelType) -> TestStore {
+    let mut source = field([70, 45, 52], voxel_type, |p| {
+        let r = (p - 0.5).length();
+        0.5 + 0.5 * (r * 19.0).cos() * (1.0 - r) + 0.1 * (p.x * 40.0).sin() * (p.y * 31.0).cos()
+    });
+    source.desc.world_from_index = oblique();
+    store_of(&mut source)
+}
+
+/// Few small blobs: nearly every block is empty, and activity changes from block to block.
+fn speckle() -> TestStore {
+    store_of(&mut field([90, 75, 70], VoxelType::U8, |p| {
+        let cell = (p * 23.0).floor();
+        let hash = (cell.x * 12.9898 + cell.y * 78.233 + cell.z * 37.719).sin() * 43758.547;
+        if hash - hash.floor() > 0.97 { 0.9 } else { 0.0 }
+    }))
+}
+
+/// Draws with every kind of vector, compares with the reference, and demands that there is something to compare.
+fn check(store: &TestStore, settings: &PictureSettings, what: &str) {
+    let truth = reference(store, settings);
+    assert!(
+        coverage(&truth.image) > 0.02,
+        "{what}: the picture is nearly empty"
+    );
+    for technique in [Technique::Default, Technique::Basic] {
+        let settings = PictureSettings {
+            technique,
+            ..settings.clone()
+        };
+        for set in InstructionSet::available() {
+            let options = EngineOptions {
+                instructions: Some(set),
+                ..EngineOptions::default()
+            };
+            let drawn = cpu(store, options).render(&settings).unwrap();
+            let what = format!("{what}, {technique:?}, {}", set.name());
+            if settings.shading.model == ShadingModel::None {
+                assert_same_bits(&drawn.image, &truth.image, &what);
+            } else {
+                assert_twins(&drawn.image, &truth.image, 0, &what);
+            }
+            let (fast, slow) = (&drawn.stats, &truth.stats);
+            assert_eq!(
+                fast.samples + fast.samples_skipped,
+                slow.samples,
+                "{what}: every sample is either taken or skipped"
+            );
+            assert_eq!(
+                fast.samples_contributing, slow.samples_contributing,
+                "{what}: what contributes is taken"
+            );
+            if technique == Technique::Basic {
+                assert_eq!(fast.samples_skipped, 0, "{what}: nothing is skipped");
+            }
+        }
+    }
+}
+
+fn unlit(mut s: PictureSettings) -> PictureSettings {
+    s.shading.model = ShadingModel::None;
+    s
+}
+
+fn lit(mut s: PictureSettings) -> PictureSettings {
+    s.shading = Shading {
+        model: ShadingModel::Phong,
+        ..Shading::default()
+    };
+    s
+}
+
+#[test]
+fn every_voxel_type_and_mode() {
+    for voxel_type in [VoxelType::U8, VoxelType::U16, VoxelType::F32] {
+        let store = waves(voxel_type);
+        for mode in MODES {
+            let s = settings(&store.store, mode);
+            let what = format!("{voxel_type} {}", mode.name());
+            check(&store, &unlit(s.clone()), &what);
+            if mode != Mode::Mip {
+                check(&store, &lit(s), &format!("{what} lit"));
+            }
+        }
+    }
+}
+
+#[test]
+fn every_setting() {
+    let store = waves(VoxelType::U16);
+    let of = |mode| unlit(settings(&store.store, mode));
+    let mut side_light = lit(of(Mode::Dvr));
+    side_light.shading.light = Some(DVec3::new(1.0, 0.5, -0.3));
+    check(&store, &side_light, "dvr lit from the side");
+    for mode in MODES {
+        let name = mode.name();
+        let mut s = of(mode);
+        s.camera.projection = Projection::Orthographic;
+        check(&store, &s, &format!("orthographic {name}"));
+        let mut s = of(mode);
+        s.camera = inside(
+            &store.store,
+            DVec3::new(0.45, 0.55, 0.5),
+            DVec3::new(0.3, 1.0, 0.2),
+        );
+        check(&store, &s, &format!("{name} from inside"));
+        s.camera.near_mm = 7.5;
+        check(&store, &s, &format!("{name} from inside with a near plane"));
+        let mut s = of(mode);
+        s.interpolation = Interpolation::Nearest;
+        check(&store, &s, &format!("{name} nearest"));
+        let mut s = of(mode);
+        s.lod = LodChoice::Fixed(Lod(1));
+        check(&store, &s, &format!("{name} at level 1"));
+        // No multiple of a packet or a tile.
+        let mut s = of(mode);
+        s.size = [101, 37];
+        check(&store, &s, &format!("{name} of an odd size"));
+        let mut s = of(mode);
+        (s.step, s.refine) = (5.0, false);
+        check(&store, &s, &format!("{name} at step 5"));
+        let mut s = of(mode);
+        s.opacity_cutoff = 1.0;
+        check(&store, &s, &format!("{name} to full opacity"));
+    }
+}
+
+#[test]
+fn several_levels_in_one_picture() {
+    let store = waves(VoxelType::U16);
+    for mode in MODES {
+        let mut s = unlit(settings(&store.store, mode));
+        s.camera = inside(
+            &store.store,
+            DVec3::new(0.45, 0.2, 0.5),
+            DVec3::new(0.3, 1.0, 0.2),
+        );
+        // As in the twin test of the GPU: level 1 begins at about 15 mm.
+        s.lod_error = 12.0;
+        check(&store, &s, &format!("{} at several levels", mode.name()));
+    }
+}
+
+#[test]
+fn speckle_from_all_sides() {
+    let store = speckle();
+    for mode in MODES {
+        for (n, step) in [0.5, 1.0, 5.0].into_iter().enumerate() {
+            for turn in 0..3 {
+                let mut s = unlit(settings(&store.store, mode));
+                let angle = f64::from(turn) * 2.1 + n as f64 * 0.4;
+                let direction = DVec3::new(angle.cos(), angle.sin(), 0.3 - 0.2 * angle.sin());
+                let from = if turn == 0 { 0.5 } else { -0.4 };
+                s.camera = inside(&store.store, DVec3::splat(0.5) + direction * (from - 0.5), direction);
+                s.size = [64, 64];
+                s.step = step;
+                check(&store, &s, &format!("{} speckle, view {turn}, step {step}", mode.name()));
+            }
+        }
+    }
+}
+
+#[test]
+fn sharp_edges() {
+    let store = phantom("phantom:body:100,70,110:u8");
+    for mode in MODES {
+        let mut s = unlit(settings(&store.store, mode));
+        s.classification.iso.as_mut().unwrap().value = 150.3;
+        check(&store, &s, &format!("body {}", mode.name()));
+    }
+}
+
+#[test]
+fn one_voxel_thick() {
+    let store = store_of(&mut field([40, 1, 33], VoxelType::U16, |p| p.x));
+    // (Of the iso-surface a slice shows a line.)
+    for mode in [Mode::Dvr, Mode::Mip] {
+        let mut s = unlit(settings(&store.store, mode));
+        s.camera = brickscope::camera::Camera::orbit(
+            &brickscope::scene::volume_bounds(
+                store.store.meta().dims,
+                &store.store.meta().world_from_index,
+            ),
+            10.0,
+            5.0,
+            1.0,
+            30.0,
+        )
+        .unwrap();
+        check(&store, &s, &format!("a slice, {}", mode.name()));
+    }
+}
+
+#[test]
+fn any_memory_gives_the_same_bits() {
+    let store = phantom("phantom:body:150,140,160:u16");
+    for mode in MODES {
+        let s = unlit(settings(&store.store, mode));
+        let truth = reference(&store, &s).image;
+        let mut plenty = cpu(&store, EngineOptions::default());
+        let first = plenty.render(&s).unwrap();
+        assert_same_bits(&first.image, &truth, mode.name());
+        let again = plenty.render(&s).unwrap();
+        assert_same_bits(&again.image, &truth, "the second time");
+        assert_eq!(again.stats.bricks_read, Some(0), "bricks are kept");
+        let mut little = cpu(
+            &store,
+            EngineOptions {
+                ram_bytes: 1 << 20,
+                ..EngineOptions::default()
+            },
+        );
+        let picture = little.render(&s).unwrap();
+        assert_same_bits(&picture.image, &truth, "with 1 MiB");
+        let again = little.render(&s).unwrap();
+        assert!(
+            mode == Mode::Iso || again.stats.bricks_read > Some(0),
+            "{}: 13 bricks are kept, not all",
+            mode.name()
+        );
+    }
+}
+
+#[test]
+fn edits_reclassify_what_is_kept() {
+    let store = phantom("phantom:body:100,70,110:u16");
+    let mut engine = cpu(&store, EngineOptions::default());
+    for (mode, value) in [
+        (Mode::Iso, 1200.0),
+        (Mode::Iso, 2700.0),
+        (Mode::Dvr, 0.0),
+        (Mode::Mip, 0.0),
+        (Mode::Iso, 1200.0),
+    ] {
+        let mut s = unlit(settings(&store.store, mode));
+        s.classification.iso.as_mut().unwrap().value = value;
+        assert_same_bits(
+            &engine.render(&s).unwrap().image,
+            &reference(&store, &s).image,
+            &format!("{} {value}", mode.name()),
+        );
+    }
+}
+
+#[test]
+fn ticks_are_whole_first_and_exact_in_the_end() {
+    let store = phantom("phantom:body:150,140,160:u16");
+    let mut s = unlit(settings(&store.store, Mode::Dvr));
+    s.size = [96, 96];
+    let mut engine = cpu(&store, EngineOptions::default());
+    engine.set_picture(s.clone());
+    assert!(engine.image().is_none(), "nothing yet");
+    let budget = TickBudget {
+        time: Duration::ZERO,
+        ..TickBudget::default()
+    };
+    assert_eq!(
+        engine.tick(&budget).unwrap().event,
+        None,
+        "no time, no picture"
+    );
+    let mut events = Vec::new();
+    for _ in 0..100 {
+        events.extend(engine.tick(&TickBudget::default()).unwrap().event);
+        if engine.is_converged() {
+            break;
+        }
+    }
+    assert_eq!(
+        events,
+        [TickEvent::Whole, TickEvent::Converged],
+        "coarse, then exact"
+    );
+    assert_same_bits(
+        engine.image().unwrap(),
+        &reference(&store, &s).image,
+        "by ticks",
+    );
+    let stats = engine.statistics().unwrap().unwrap();
+    assert!(
+        stats.converged && stats.first_complete_ms <= stats.converged_ms,
+        "both are told"
+    );
+    assert_eq!(
+        engine.tick(&TickBudget::default()).unwrap().event,
+        None,
+        "nothing is left to do"
+    );
+}
+
+#[test]
+fn negative_controls_fail() {
+    let value =
+        |p: DVec3| 0.5 + 0.5 * ((p - 0.5).length() * 19.0).cos() * (1.0 - (p - 0.5).length());
+    let dims = [70_u64, 45, 52];
+    let plain = store_of(&mut field(dims, VoxelType::U16, value));
+    let s = unlit(settings(&plain.store, Mode::Dvr));
+    let truth = reference(&plain, &s).image;
+    let beyond = |store: &TestStore, s: &PictureSettings| {
+        let drawn = cpu(store, EngineOptions::default()).render(s).unwrap();
+        difference(&drawn.image, &truth, TWIN_BOUND).beyond
+    };
+    assert_eq!(beyond(&plain, &s), 0, "the control's own control");
+    let shifted = store_of(&mut field(dims, VoxelType::U16, |p| {
+        value(p + DVec3::new(1.0 / 70.0, 0.0, 0.0))
+    }));
+    assert!(beyond(&shifted, &s) > 500, "a voxel's shift is seen");
+    let mut denser = s.clone();
+    denser.classification.opacity_unit_mm = Some(1.0 / 1.03);
+    assert!(beyond(&plain, &denser) > 500, "3 % more opacity is seen");
+    let mut coarser = s.clone();
+    coarser.lod = LodChoice::Fixed(Lod(1));
+    assert!(beyond(&plain, &coarser) > 500, "the wrong level is seen");
+}
