@@ -8,11 +8,13 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::clock::{Stopwatch, ms, since_process_start};
 use super::error::BenchError;
 use super::process::peak_rss_bytes;
+use super::report::{NamedTime, Row};
 use super::summary::{mean, median, mib, percentile, rounded};
+use super::table::{figure, millions};
 use crate::camera::Camera;
+use crate::clock::{Stopwatch, ms, since_process_start};
 use crate::engine::{Engine, TickBudget, TickEvent};
 use crate::scene::{PictureSettings, PictureStats, volume_bounds};
 use crate::store::StoreMeta;
@@ -95,6 +97,59 @@ pub struct RenderRow {
     pub adapter: Option<String>,
     /// Of this program.
     pub version: String,
+}
+
+impl Row for RenderRow {
+    const BENCH: &'static str = "render";
+    const COLUMNS: &'static [&'static str] = &[
+        "configuration",
+        "median ms",
+        "min",
+        "p90",
+        "CPU ms",
+        "GPU ms",
+        "first ms",
+        "whole ms",
+        "peak MiB",
+        "Msamples",
+        "changing",
+        "skipped",
+        "ns/sample",
+    ];
+
+    fn name(&self) -> String {
+        let Self {
+            vol,
+            mode,
+            size,
+            step,
+            device,
+            ..
+        } = self;
+        format!("{vol} {mode} {size} step {step} {device}")
+    }
+
+    fn times(&self) -> Vec<NamedTime> {
+        vec![("cpu_ms", self.cpu_ms), ("median_ms", Some(self.median_ms))]
+    }
+
+    fn cells(&self) -> Vec<String> {
+        vec![
+            self.name(),
+            figure(Some(self.median_ms), 1),
+            figure(Some(self.min_ms), 1),
+            figure(Some(self.p90_ms), 1),
+            figure(self.cpu_ms, 1),
+            figure(self.gpu_ms, 1),
+            figure(self.first_ms, 0),
+            figure(self.first_whole_ms, 0),
+            figure(self.rss_peak_mib, 0),
+            millions(self.samples),
+            self.samples_contributing.map_or("–".into(), millions),
+            millions(self.samples_skipped),
+            figure(self.ns_per_sample, 1),
+        ]
+    }
 }
 
 impl RenderJob {

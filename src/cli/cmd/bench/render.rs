@@ -1,12 +1,12 @@
 //! `bench render`: what a frame costs.
 
-use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::bail;
 
+use super::output::{OutputArgs, note};
 use crate::bench::{RenderJob, RenderRow, WarmUp};
 use crate::cli::args;
 use crate::cli::config::{ModeArg, PictureArgs};
@@ -17,7 +17,8 @@ use crate::store::Store;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  \
     brickscope bench render chest.bsk --modes dvr,iso,mip --iso 300 --size 512x512 --step 1\n  \
-    brickscope bench render chest.bsk --mode mip --frames 12 --json")]
+    brickscope bench render chest.bsk --mode mip --frames 12 --json\n  \
+    brickscope bench render chest.bsk engine.bsk --out new.json --compare old.json --svg new.svg")]
 pub struct Args {
     /// The brick stores
     #[arg(value_name = "STORE", required = true)]
@@ -25,9 +26,6 @@ pub struct Args {
     /// Frames of the full turn, all timed
     #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: u32,
-    /// One JSON line per configuration instead of a table
-    #[arg(long)]
-    json: bool,
     /// Several modes, separated by commas
     #[arg(
         long,
@@ -49,6 +47,8 @@ pub struct Args {
     /// Measure the first whole picture, from the start of the process, before anything else
     #[arg(long)]
     whole: bool,
+    #[command(flatten)]
+    output: OutputArgs,
     #[command(flatten)]
     picture: PictureArgs,
 }
@@ -72,6 +72,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
              leave the flag out, or use 'brickscope render' for one picture"
         );
     }
+    let old = args.output.open()?;
     let mut rows: Vec<RenderRow> = Vec::new();
     for path in &args.stores {
         let store = Arc::new(Store::open(path)?);
@@ -98,14 +99,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 is_first: rows.is_empty(),
                 whole: args.whole && rows.is_empty(),
             };
-            for note in notes.drain(..) {
-                // Standard error is gone: nobody to tell, but the figures are wanted all the same.
-                let _ = writeln!(io::stderr(), "brickscope: {note}");
+            for text in notes.drain(..) {
+                note(&text);
             }
-            let row = job.measure(&mut engine)?;
-            writeln!(io::stdout(), "{}", serde_json::to_string(&row)?)?;
-            rows.push(row);
+            rows.push(job.measure(&mut engine)?);
         }
     }
+    args.output
+        .finish(rows, old.as_ref(), "bench render: ms per frame")?;
     Ok(ExitCode::SUCCESS)
 }
