@@ -9,11 +9,13 @@
 //! Data goes one way; the only way back is the list of requests. Modules import downward only: ARCHITECTURE.md has the
 //! table, `tests/architecture.rs` enforces it. [`engine`] is the façade that commands and bindings stand on.
 
+pub mod bench;
 pub mod bricking;
 pub mod camera;
 pub mod classify;
 pub mod cli;
 pub mod cpu;
+pub mod clock;
 pub mod engine;
 pub mod export;
 pub mod geom;

@@ -26,6 +26,7 @@ const fn module(layer: u8, name: &'static str, may_import: &'static [&'static st
 const MODULES: &[Module] = &[
     module(0, "geom", &[]),
     module(0, "outfile", &[]),
+    module(0, "clock", &[]),
     module(1, "volume", &["geom"]),
     module(1, "camera", &["geom"]),
     module(1, "classify", &["geom"]),
@@ -79,14 +80,25 @@ const MODULES: &[Module] = &[
             "geom",
             "proxy",
             "scene",
+            "clock",
         ],
     ),
     module(7, "viewer", &["engine", "camera", "classify", "gpu"]),
     module(7, "server", &["engine", "camera", "classify"]),
     module(
+        7,
+        "bench",
+        &[
+            "engine", "bricking", "input", "store", "scene", "camera", "classify", "geom",
+            "volume", "outfile", "clock",
+        ],
+    ),
+    module(
         8,
         "cli",
         &[
+            "bench",
+            "clock",
             "geom",
             "outfile",
             "volume",
