@@ -7,7 +7,7 @@
 use super::bricks::NearBricks;
 use super::field::{Field, Place, VoxelKind};
 use super::light::Light;
-use super::rays::{Packet, Rays, Vec3};
+use super::rays::{Packet, Rays, Vec3, axes};
 use super::simd::{Lanes, PerLane};
 use super::skip::ABOVE;
 use super::table::Table;
@@ -74,14 +74,14 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
         Mode::Iso => caster.iso::<K>(),
         Mode::Mip => caster.mip::<K>(),
     };
-    let sum = |v: L::I| l.store_i(v)[..L::WIDTH].iter().map(|&n| n as u64).sum::<u64>();
-    let taken = sum(caster.samples);
+    let taken = sum(l, caster.samples);
     *counts += RayCounts {
         samples: taken,
-        skipped: sum(caster.passed) - taken,
-        contributing: sum(caster.contributing),
+        skipped: sum(l, caster.passed) - taken,
+        contributing: sum(l, caster.contributing),
     };
-    color.map(|c| l.store_f(c))
+    let [r, g, b, a] = color;
+    [l.store_f(r), l.store_f(g), l.store_f(b), l.store_f(a)]
 }
 
 struct Caster<'s, 'f, 'n, 'a, L: Lanes> {
@@ -315,6 +315,12 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
     }
 }
 
+/// Over all lanes.
+#[inline(always)]
+fn sum<L: Lanes>(l: L, v: L::I) -> u64 {
+    l.store_i(v)[..L::WIDTH].iter().map(|&n| n as u64).sum()
+}
+
 /// Adds `n` in the lanes of `m`.
 #[inline(always)]
 fn add<L: Lanes>(l: L, sum: &mut L::I, m: L::M, n: L::I) {
@@ -364,7 +370,7 @@ fn surface<L: Lanes, K: VoxelKind>(
             half *= 0.5;
         }
     }
-    let color = scene.iso_color.map(|c| l.f(c));
+    let color = axes!(n => l.f(scene.iso_color[n]));
     match &scene.light {
         None => color,
         Some(light) => {
@@ -388,7 +394,7 @@ fn world_gradient<L: Lanes, K: VoxelKind>(
 ) -> Vec3<L> {
     let g = field.gradient::<K>(l, place, offset);
     let columns = level.normal_from_gradient.to_cols_array_2d();
-    std::array::from_fn(|row| {
-        l.f(columns[0][row]) * g[0] + l.f(columns[1][row]) * g[1] + l.f(columns[2][row]) * g[2]
+    axes!(n => {
+        l.f(columns[0][n]) * g[0] + l.f(columns[1][n]) * g[1] + l.f(columns[2][n]) * g[2]
     })
 }

@@ -1,12 +1,21 @@
 //! A level as a packet reads it: where each lane is, the brick that it is in, values and gradients there.
 
 use super::bricks::NearBricks;
-use super::rays::{Rays, Vec3, zip};
+use super::rays::{Rays, Vec3, axes};
 use super::simd::{LaneTable, Lanes, MAX_LANES, PerLane};
 use crate::geom::{BLOCK_EDGE, BLOCKS_PER_EDGE, BRICK_BORDER, BRICK_EDGE, STORED_EDGE};
 use crate::scene::{Interpolation, LevelFrame};
 
 const EDGE: usize = STORED_EDGE as usize;
+
+/// As [`axes`], of four.
+macro_rules! four {
+    ($n:ident => $value:expr) => {{
+        let [a, b, c] = axes!($n => $value);
+        let $n = 3;
+        [a, b, c, $value]
+    }};
+}
 
 /// How voxels lie in memory.
 pub(super) trait VoxelKind: Copy {
@@ -36,9 +45,8 @@ impl VoxelKind for U8 {
     #[inline(always)]
     fn pairs<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I, at: [usize; 4]) -> [[L::F; 2]; 4] {
         let low = l.i(0xff);
-        voxels
-            .gather4(l, offset, at)
-            .map(|w| [l.to_f(w & low), l.to_f(l.shr_u::<8>(w) & low)])
+        let w = voxels.gather4(l, offset, at);
+        four!(n => [l.to_f(w[n] & low), l.to_f(l.shr_u::<8>(w[n]) & low)])
     }
 
     #[inline(always)]
@@ -53,9 +61,8 @@ impl VoxelKind for U16 {
     #[inline(always)]
     fn pairs<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I, at: [usize; 4]) -> [[L::F; 2]; 4] {
         let low = l.i(0xffff);
-        voxels
-            .gather4(l, offset, at)
-            .map(|w| [l.to_f(w & low), l.to_f(l.shr_u::<16>(w))])
+        let w = voxels.gather4(l, offset, at);
+        four!(n => [l.to_f(w[n] & low), l.to_f(l.shr_u::<16>(w[n]))])
     }
 
     #[inline(always)]
@@ -70,8 +77,8 @@ impl VoxelKind for F32 {
     #[inline(always)]
     fn pairs<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I, at: [usize; 4]) -> [[L::F; 2]; 4] {
         let here = voxels.gather4(l, offset, at);
-        let next = voxels.gather4(l, offset, at.map(|a| a + 4));
-        std::array::from_fn(|n| [l.as_f(here[n]), l.as_f(next[n])])
+        let next = voxels.gather4(l, offset, four!(n => at[n] + 4));
+        four!(n => [l.as_f(here[n]), l.as_f(next[n])])
     }
 
     #[inline(always)]
@@ -145,11 +152,11 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
     ) -> Self {
         let grid = near.level().grid();
         let nothing = near.level().nothing();
-        let each = |v: glam::IVec3| v.to_array().map(|v| l.i(v));
+        let last = (grid.voxels - 1).as_ivec3();
         Self {
             interpolation,
-            anchor: each(level.anchor),
-            last: each((grid.voxels - 1).as_ivec3()),
+            anchor: axes!(n => l.i(level.anchor[n])),
+            last: axes!(n => l.i(last[n])),
             row: l.i(grid.bricks.x as i32),
             layer: l.i((grid.bricks.x * grid.bricks.y) as i32),
             index: l.i(-1),
@@ -165,11 +172,11 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
     #[inline(always)]
     pub(super) fn locate(&mut self, l: L, offset: Vec3<L>, lanes: L::M) -> Place<L> {
         let zero = l.i(0);
-        let voxel: [L::I; 3] = std::array::from_fn(|a| {
-            let voxel = self.anchor[a] + l.to_i(l.floor(offset[a]));
-            l.max_i(l.min_i(voxel, self.last[a]), zero)
+        let voxel = axes!(n => {
+            let voxel = self.anchor[n] + l.to_i(l.floor(offset[n]));
+            l.max_i(l.min_i(voxel, self.last[n]), zero)
         });
-        let brick = voxel.map(|v| l.shr::<BRICK_SHIFT>(v));
+        let brick = axes!(n => l.shr::<BRICK_SHIFT>(voxel[n]));
         let index = brick[0] + brick[1] * self.row + brick[2] * self.layer;
         let moved = lanes & !l.eq_i(index, self.index);
         if l.any(moved) {
@@ -177,10 +184,10 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
             self.index = l.pick_i(moved, index, self.index);
         }
         let in_brick = l.i(BLOCKS_PER_EDGE as i32 - 1);
-        let block = voxel.map(|v| l.shr::<BLOCK_SHIFT>(v) & in_brick);
+        let block = axes!(n => l.shr::<BLOCK_SHIFT>(voxel[n]) & in_brick);
         Place {
             voxel,
-            brick: brick.map(|b| l.shl::<BRICK_SHIFT>(b)),
+            brick: axes!(n => l.shl::<BRICK_SHIFT>(brick[n])),
             block: block[0]
                 + l.shl::<BLOCKS_SHIFT>(block[1] + l.shl::<BLOCKS_SHIFT>(block[2])),
         }
@@ -255,9 +262,9 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
         let reach = l.shl::<BLOCK_SHIFT>(distance);
         let size = l.i(BRICK_EDGE as i32);
         let edge = l.i(BLOCK_EDGE as i32);
-        let own = place.voxel.map(|v| l.shl::<BLOCK_SHIFT>(l.shr::<BLOCK_SHIFT>(v)));
-        let low = zip(own, place.brick, |o, b| l.max_i(o + edge - reach, b));
-        let high = zip(own, place.brick, |o, b| l.min_i(o + reach, b + size));
+        let own = axes!(n => l.shl::<BLOCK_SHIFT>(l.shr::<BLOCK_SHIFT>(place.voxel[n])));
+        let low = axes!(n => l.max_i(own[n] + edge - reach, place.brick[n]));
+        let high = axes!(n => l.min_i(own[n] + reach, place.brick[n] + size));
         self.behind(l, rays, low, high)
     }
 
@@ -265,7 +272,7 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
     #[inline(always)]
     pub(super) fn behind_brick(&self, l: L, rays: &Rays<L>, place: &Place<L>) -> L::I {
         let size = l.i(BRICK_EDGE as i32);
-        self.behind(l, rays, place.brick, place.brick.map(|b| b + size))
+        self.behind(l, rays, place.brick, axes!(n => place.brick[n] + size))
     }
 
     /// The first sample behind the box from voxel `low` to `high`. Rounding may take it a hair beyond: the ranges of
@@ -273,9 +280,9 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
     #[inline(always)]
     fn behind(&self, l: L, rays: &Rays<L>, low: [L::I; 3], high: [L::I; 3]) -> L::I {
         let zero = l.f(0.0);
-        let t: Vec3<L> = std::array::from_fn(|a| {
-            let face = l.pick_i(l.gt(rays.step[a], zero), high[a], low[a]) - self.anchor[a];
-            (l.to_f(face) - rays.base[a]) * rays.inverse_step[a]
+        let t = axes!(n => {
+            let face = l.pick_i(l.gt(rays.step[n], zero), high[n], low[n]) - self.anchor[n];
+            (l.to_f(face) - rays.base[n]) * rays.inverse_step[n]
         });
         let t = l.min(l.min(t[0], t[1]), t[2]);
         l.to_i(l.floor(l.max(l.min(t, l.f(1e9)), l.f(-1.0)))) + l.i(1)
@@ -295,7 +302,7 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
     fn voxel_at<K: VoxelKind>(&self, l: L, place: &Place<L>, voxel: [L::I; 3]) -> L::I {
         let edge = l.i(EDGE as i32);
         let border = l.i(BRICK_BORDER as i32);
-        let [x, y, z] = zip(voxel, place.brick, |v, b| v - b + border);
+        let [x, y, z] = axes!(n => voxel[n] - place.brick[n] + border);
         let at = x + (y + z * edge) * edge;
         match K::BYTES {
             1 => at,
@@ -307,37 +314,40 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
     /// The voxels that contain `offset`, values.
     #[inline(always)]
     fn nearest<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
-        let voxel = zip(offset, self.anchor, |o, a| l.to_i(l.floor(o)) + a);
+        let voxel = axes!(n => l.to_i(l.floor(offset[n])) + self.anchor[n]);
         K::one(l, &self.voxels, self.voxel_at::<K>(l, place, voxel))
     }
 
     #[inline(always)]
     fn trilinear<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
         let half = l.f(0.5);
-        let shifted = offset.map(|o| o - half);
-        let floor = shifted.map(|s| l.floor(s));
-        let f = zip(shifted, floor, |s, fl| s - fl);
-        let voxel = zip(floor, self.anchor, |f, a| l.to_i(f) + a);
+        let shifted = axes!(n => offset[n] - half);
+        let floor = axes!(n => l.floor(shifted[n]));
+        let f = axes!(n => shifted[n] - floor[n]);
+        let voxel = axes!(n => l.to_i(floor[n]) + self.anchor[n]);
         let at = self.voxel_at::<K>(l, place, voxel);
         let row = EDGE * K::BYTES;
         let layer = EDGE * row;
-        let lerp = |a: L::F, b: L::F, t: L::F| a + (b - a) * t;
-        let [a, b, c, d] = K::pairs(l, &self.voxels, at, [0, row, layer, layer + row])
-            .map(|[here, next]| lerp(here, next, f[0]));
-        lerp(lerp(a, b, f[1]), lerp(c, d, f[1]), f[2])
+        let pairs = K::pairs(l, &self.voxels, at, [0, row, layer, layer + row]);
+        let [a, b, c, d] = four!(n => lerp::<L>(pairs[n], f[0]));
+        lerp::<L>([lerp::<L>([a, b], f[1]), lerp::<L>([c, d], f[1])], f[2])
     }
 
     /// Central differences at ±½ voxel of the level (design.md §3), per level voxel.
     #[inline(always)]
     pub(super) fn gradient<K: VoxelKind>(&self, l: L, place: &Place<L>, at: Vec3<L>) -> Vec3<L> {
         let half = l.f(0.5);
-        std::array::from_fn(|axis| {
-            let tap = |by: L::F| {
-                let mut tap = at;
-                tap[axis] = tap[axis] + by;
-                self.value::<K>(l, place, tap)
-            };
-            tap(half) - tap(l.f(-0.5))
+        axes!(n => {
+            let (mut after, mut before) = (at, at);
+            after[n] = at[n] + half;
+            before[n] = at[n] - half;
+            self.value::<K>(l, place, after) - self.value::<K>(l, place, before)
         })
     }
+}
+
+/// Between two values.
+#[inline(always)]
+fn lerp<L: Lanes>([a, b]: [L::F; 2], t: L::F) -> L::F {
+    a + (b - a) * t
 }

@@ -1,6 +1,6 @@
 //! Phong's model, as `shaders/lib/shade.wgsl` and [`crate::reference`] have it, for a packet.
 
-use super::rays::{Vec3, dot, scaled, zip};
+use super::rays::{Vec3, axes, dot};
 use super::simd::Lanes;
 use crate::scene::Shading;
 
@@ -36,20 +36,24 @@ impl Light {
         let ambient = l.f(self.shading.ambient);
         let length = l.sqrt(dot::<L>(gradient, gradient));
         let is_surface = l.gt(length, l.f(f32::MIN_POSITIVE));
-        let normal = gradient.map(|g| g / l.pick(is_surface, length, one));
-        let to_eye = ray.map(|r| zero - r);
-        let to_light = self.to_light.map_or(to_eye, |d| d.map(|d| l.f(d)));
+        let divisor = l.pick(is_surface, length, one);
+        let normal = axes!(n => gradient[n] / divisor);
+        let to_eye = axes!(n => zero - ray[n]);
+        let to_light = match &self.to_light {
+            Some(d) => axes!(n => l.f(d[n])),
+            None => to_eye,
+        };
         let diffuse = absolute(l, dot::<L>(normal, to_light));
-        let half = zip(to_light, to_eye, |a, b| a + b);
+        let half = axes!(n => to_light[n] + to_eye[n]);
         let half_length = l.sqrt(dot::<L>(half, half));
         let has_half = l.gt(half_length, l.f(1e-6));
         let highlight = absolute(l, dot::<L>(normal, half) / l.pick(has_half, half_length, one));
         let highlight = l.pick(has_half, highlight, zero);
         let specular = l.f(self.shading.specular) * power(l, highlight, self.shading.shininess);
         let matte = ambient + l.f(self.shading.diffuse) * diffuse;
-        let lit = color.map(|c| l.max(l.min(c * matte + specular, one), zero));
-        zip(lit, scaled::<L>(color, ambient), |lit, unlit| {
-            l.pick(is_surface, lit, unlit)
+        axes!(n => {
+            let lit = l.max(l.min(color[n] * matte + specular, one), zero);
+            l.pick(is_surface, lit, color[n] * ambient)
         })
     }
 }

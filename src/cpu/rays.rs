@@ -15,14 +15,30 @@ pub(super) fn dot<L: Lanes>(a: Vec3<L>, b: Vec3<L>) -> L::F {
 /// a · s.
 #[inline(always)]
 pub(super) fn scaled<L: Lanes>(a: Vec3<L>, s: L::F) -> Vec3<L> {
-    a.map(|a| a * s)
+    axes!(n => a[n] * s)
 }
 
-/// Component by component.
-#[inline(always)]
-pub(super) fn zip<A: Copy, B: Copy, R>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) -> R) -> [R; 3] {
-    [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
+/// `[value for axis 0, for 1, for 2]`. No closures: they would not be compiled for the processor's instructions
+/// ([`super::simd::Kernel::run`]).
+macro_rules! axes {
+    ($n:ident => $value:expr) => {
+        [
+            {
+                let $n = 0;
+                $value
+            },
+            {
+                let $n = 1;
+                $value
+            },
+            {
+                let $n = 2;
+                $value
+            },
+        ]
+    };
 }
+pub(super) use axes;
 
 /// Pixels side by side.
 #[derive(Clone, Copy)]
@@ -59,7 +75,7 @@ impl<L: Lanes> Packet<L> {
     /// A quantity that is linear over the picture.
     #[inline(always)]
     fn at(&self, l: L, q: &[glam::Vec3; 3]) -> Vec3<L> {
-        std::array::from_fn(|a| l.f(q[0][a]) + l.f(q[1][a]) * self.u + l.f(q[2][a]) * self.v)
+        axes!(n => l.f(q[0][n]) + l.f(q[1][n]) * self.u + l.f(q[2][n]) * self.v)
     }
 }
 
@@ -88,24 +104,20 @@ impl<L: Lanes> Rays<L> {
         let length = l.sqrt(dot::<L>(world, world));
         let inverse = one / length;
         let direction = packet.at(l, &level.level_dir);
-        let base = zip(
-            packet.at(l, &level.level_origin),
-            scaled::<L>(direction, inverse * l.f(frame.first_mm)),
-            |o, d| o + d,
-        );
+        let origin = packet.at(l, &level.level_origin);
+        let to_first = inverse * l.f(frame.first_mm);
+        let base = axes!(n => origin[n] + direction[n] * to_first);
         let still = l.f(1e-20);
-        let step = scaled::<L>(direction, inverse * l.f(level.step_mm)).map(|s| {
+        let exact = scaled::<L>(direction, inverse * l.f(level.step_mm));
+        let step = axes!(n => {
             // No axis may stand still: the slab test divides by it.
-            let moves = l.ge(s, still) | l.ge(l.f(0.0) - s, still);
-            l.pick(moves, s, still)
+            let moves = l.ge(exact[n], still) | l.ge(l.f(0.0) - exact[n], still);
+            l.pick(moves, exact[n], still)
         });
-        let to = |corner: glam::Vec3| {
-            let corner = corner.to_array();
-            std::array::from_fn::<_, 3, _>(|a| (l.f(corner[a]) - base[a]) / step[a])
-        };
-        let (to_min, to_max) = (to(level.box_min), to(level.box_max));
-        let nearer = zip(to_min, to_max, |a, b| l.min(a, b));
-        let farther = zip(to_min, to_max, |a, b| l.max(a, b));
+        let to_min = axes!(n => (l.f(level.box_min[n]) - base[n]) / step[n]);
+        let to_max = axes!(n => (l.f(level.box_max[n]) - base[n]) / step[n]);
+        let nearer = axes!(n => l.min(to_min[n], to_max[n]));
+        let farther = axes!(n => l.max(to_min[n], to_max[n]));
         let near = l.max(l.max(nearer[0], nearer[1]), nearer[2]);
         let far = l.min(l.min(farther[0], farther[1]), farther[2]);
         let near_plane = (l.f(frame.near_mm) * length - l.f(frame.first_mm)) / l.f(level.step_mm);
@@ -113,21 +125,20 @@ impl<L: Lanes> Rays<L> {
         let first = l.max(l.max(near, near_plane), l.f(level.begin as f32));
         let ceil = zero - l.floor(zero - first);
         let last = l.floor(l.min(far, l.f((frame.last_index >> level.lod.0) as f32)));
-        // An empty ray may have any numbers; keep them inside i32.
-        let bound = |v, least| l.to_i(l.max(l.min(v, l.f(2e9)), l.f(least)));
         Self {
             direction: scaled::<L>(world, inverse),
             base,
             step,
-            inverse_step: step.map(|s| one / s),
-            first: bound(ceil, 0.0),
-            last: bound(l.min(last, l.f(level.end as f32)), -1.0),
+            inverse_step: axes!(n => one / step[n]),
+            // An empty ray may have any numbers; keep them inside i32.
+            first: l.to_i(l.max(l.min(ceil, l.f(2e9)), zero)),
+            last: l.to_i(l.max(l.min(last, l.f(level.end as f32)), l.f(-1.0))),
         }
     }
 
     /// Offsets of sample `index`.
     #[inline(always)]
     pub(super) fn offset(&self, index: L::F) -> Vec3<L> {
-        zip(self.base, self.step, |b, s| b + index * s)
+        axes!(n => self.base[n] + index * self.step[n])
     }
 }

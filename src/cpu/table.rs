@@ -1,5 +1,6 @@
 //! A look-up table as lanes read it: channel by channel, with the differences to the next entry.
 
+use super::rays::axes;
 use super::simd::Lanes;
 use crate::classify::{LUT_ENTRIES, Lut};
 
@@ -50,7 +51,7 @@ impl Table {
     /// Where stored values are in the table.
     #[inline(always)]
     pub(super) fn index<L: Lanes>(&self, l: L, stored: L::F) -> TableIndex<L> {
-        let [lo, scale] = self.lo_scale.map(|v| l.f(v));
+        let [lo, scale] = [l.f(self.lo_scale[0]), l.f(self.lo_scale[1])];
         let x = l.min(
             l.max((stored - lo) * scale, l.f(0.0)),
             l.f((LUT_ENTRIES - 1) as f32),
@@ -71,6 +72,6 @@ impl Table {
     /// Red, green and blue.
     #[inline(always)]
     pub(super) fn color<L: Lanes>(&self, l: L, at: &TableIndex<L>) -> [L::F; 3] {
-        std::array::from_fn(|c| self.channels[c].at(l, at))
+        axes!(n => self.channels[n].at(l, at))
     }
 }

@@ -159,7 +159,12 @@ impl Lanes for Avx2 {
         // SAFETY: as above; the addresses are the caller's promise.
         unsafe {
             let [low, high] = places(addresses, offset);
-            at.map(|at| gather_at(low, high, at))
+            [
+                gather_at(low, high, at[0]),
+                gather_at(low, high, at[1]),
+                gather_at(low, high, at[2]),
+                gather_at(low, high, at[3]),
+            ]
         }
     }
 
@@ -177,11 +182,8 @@ impl Lanes for Avx2 {
 #[target_feature(enable = "avx2")]
 #[inline]
 fn places(addresses: &Addresses, offset: I) -> [__m256i; 2] {
-    let [low, high] = [
-        _mm256_castsi256_si128(offset.0),
-        _mm256_extracti128_si256::<1>(offset.0),
-    ]
-    .map(|half| _mm256_cvtepu32_epi64(half));
+    let low = _mm256_cvtepu32_epi64(_mm256_castsi256_si128(offset.0));
+    let high = _mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(offset.0));
     // SAFETY: the array is longer than two vectors.
     let (first, second) = unsafe {
         let p = addresses.0.as_ptr();

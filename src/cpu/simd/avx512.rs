@@ -173,7 +173,12 @@ impl Lanes for Avx512 {
         // SAFETY: as above; the addresses are the caller's promise.
         unsafe {
             let [low, high] = places(addresses, offset);
-            at.map(|at| gather_at(low, high, at))
+            [
+                gather_at(low, high, at[0]),
+                gather_at(low, high, at[1]),
+                gather_at(low, high, at[2]),
+                gather_at(low, high, at[3]),
+            ]
         }
     }
 
@@ -191,11 +196,8 @@ impl Lanes for Avx512 {
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2")]
 #[inline]
 fn places(addresses: &Addresses, offset: I) -> [__m512i; 2] {
-    let [low, high] = [
-        _mm512_castsi512_si256(offset.0),
-        _mm512_extracti64x4_epi64::<1>(offset.0),
-    ]
-    .map(|half| _mm512_cvtepu32_epi64(half));
+    let low = _mm512_cvtepu32_epi64(_mm512_castsi512_si256(offset.0));
+    let high = _mm512_cvtepu32_epi64(_mm512_extracti64x4_epi64::<1>(offset.0));
     // SAFETY: the array is as long as two vectors.
     let (first, second) = unsafe {
         let p = addresses.0.as_ptr();
