@@ -61,7 +61,7 @@ const MODULES: &[Module] = &[
     module(
         5,
         "cpu",
-        &["store", "volume", "classify", "geom", "scene"],
+        &["store", "volume", "classify", "camera", "geom", "scene"],
     ),
     module(
         6,

@@ -182,10 +182,18 @@ fn speckle_from_all_sides() {
                 let angle = f64::from(turn) * 2.1 + n as f64 * 0.4;
                 let direction = DVec3::new(angle.cos(), angle.sin(), 0.3 - 0.2 * angle.sin());
                 let from = if turn == 0 { 0.5 } else { -0.4 };
-                s.camera = inside(&store.store, DVec3::splat(0.5) + direction * (from - 0.5), direction);
+                s.camera = inside(
+                    &store.store,
+                    DVec3::splat(0.5) + direction * (from - 0.5),
+                    direction,
+                );
                 s.size = [64, 64];
                 s.step = step;
-                check(&store, &s, &format!("{} speckle, view {turn}, step {step}", mode.name()));
+                check(
+                    &store,
+                    &s,
+                    &format!("{} speckle, view {turn}, step {step}", mode.name()),
+                );
             }
         }
     }

@@ -6,7 +6,7 @@
 //! Colours are display values, as VTK and ParaView treat them: no gamma or sRGB conversion anywhere. Opacity holds per
 //! opacity unit of length and is corrected when a table is baked (cli.md, "Colour").
 //!
-//! Visibility is judged on the very table that is rendered with, outward by one entry, so that skipping what is
+//! Visibility is judged on the very table that is rendered with, outward by rounding, so that skipping what is
 //! invisible never changes a picture (design.md §2, invariant 4).
 
 mod color;

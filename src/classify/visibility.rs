@@ -1,8 +1,8 @@
 //! "Can a value in [lo, hi] be seen?", in constant time: the question that decides which blocks and bricks exist for the
 //! renderer.
 //!
-//! Conservative by construction: it looks at the very table that is rendered with, the range widened outward by one
-//! entry and by a few f32 roundings, so that it never says no where a sample drawn from the range would show.
+//! Conservative by construction: it looks at the very table that is rendered with, the range widened outward by a few f32
+//! roundings, so that it never says no where a sample drawn from the range would show.
 
 use super::lut::{LUT_ENTRIES, Lut};
 
@@ -82,14 +82,16 @@ impl OpacityTable {
     /// False only if no value from `lo` to `hi` has opacity.
     fn is_visible(&self, lo: f32, hi: f32) -> bool {
         let slack = ROUNDINGS * f32::EPSILON * lo.abs().max(hi.abs());
-        // Lut::index, and one entry outward: floor − 1 below, floor + 1 (the other end of the line) + 1 above.
+        // Lut::index; a value reads the entry at or below its index, and the next one unless it is right on one. Both the
+        // index and the interpolation round monotonously: beyond the slack no widening is needed, and with one air right
+        // at the foot of a ramp would count as visible (ARCHITECTURE.md, "Decisions").
         let index = |v: f32| {
             ((v - self.lo) * self.scale)
                 .max(0.0)
-                .min((LUT_ENTRIES - 1) as f32) as usize
+                .min((LUT_ENTRIES - 1) as f32)
         };
-        let first = index(lo - slack).saturating_sub(1);
-        let end = (index(hi + slack) + 3).min(LUT_ENTRIES);
+        let first = index(lo - slack).floor() as usize;
+        let end = index(hi + slack).ceil() as usize + 1;
         self.before[end] > self.before[first]
     }
 }

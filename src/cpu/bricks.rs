@@ -4,10 +4,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use lru::LruCache;
+use rayon::prelude::*;
 
+use super::intervals::{ActiveBrick, Intervals};
 use super::simd::GatherBytes;
 use super::skip::{ABOVE, FARTHEST, Seen};
-use crate::geom::{BLOCKS_PER_BRICK, BrickGrid, BrickId, Lod, STORED_EDGE, STORED_VOXELS};
+use crate::geom::{
+    BLOCKS_PER_BRICK, BRICK_EDGE, BrickGrid, BrickId, Lod, STORED_EDGE, STORED_VOXELS,
+};
+use crate::scene::{LevelFrame, RayFrame};
 use crate::store::{BrickData, BrickReader, Store, StoreError};
 use crate::volume::StoredType;
 
@@ -121,6 +126,22 @@ impl BrickCache {
         &self.store
     }
 
+    /// The blocks of a brick under the classification of this number, if it is decoded and they are known.
+    fn known_blocks(
+        decoded: &LruCache<Key, Arc<Decoded>>,
+        key: Key,
+        generation: u64,
+    ) -> Option<Arc<GatherBytes>> {
+        let brick = decoded.peek(&key)?;
+        let last = brick
+            .classified
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        last.as_ref()
+            .filter(|(of, _)| *of == generation)
+            .map(|(_, blocks)| Arc::clone(blocks))
+    }
+
     /// Drops all.
     pub(super) fn clear(&self) {
         self.lock().clear();
@@ -162,10 +183,7 @@ impl BrickCache {
             let add = |to: &AtomicU64, n| to.fetch_add(n, Ordering::Relaxed);
             add(&self.traffic.bricks_read, 1);
             add(&self.traffic.bytes_read, u64::from(record.len));
-            add(
-                &self.traffic.bytes_decompressed,
-                buffer.voxels.len() as u64,
-            );
+            add(&self.traffic.bytes_decompressed, buffer.voxels.len() as u64);
         }
         let len = voxels_len(self.store.stored_type());
         let ranges = buffer.block_ranges.clone().into_boxed_slice();
@@ -225,6 +243,59 @@ impl<'a> CastLevel<'a> {
         self.grid
     }
 
+    /// Where along the rays something may be seen in the bricks `visible` of the level, as far as is known now.
+    pub(super) fn intervals(
+        &self,
+        frame: &RayFrame,
+        level: &LevelFrame,
+        visible: &[u64],
+    ) -> Intervals {
+        if !matches!(self.purpose, Purpose::Skip(_)) {
+            return Intervals::everywhere(frame);
+        }
+        let bricks: Vec<_> = {
+            let decoded = self.cache.lock();
+            visible
+                .iter()
+                .map(|&index| {
+                    let id = BrickId::new(self.lod, self.grid.xyz(index));
+                    let key = self.key(id);
+                    ActiveBrick {
+                        first_voxel: id.xyz.as_dvec3() * f64::from(BRICK_EDGE),
+                        blocks: BrickCache::known_blocks(&decoded, key, self.generation),
+                    }
+                })
+                .collect()
+        };
+        Intervals::new(frame, level, &bricks)
+    }
+
+    /// The bricks in which, by the index, something can be seen: their numbers, in order.
+    pub(super) fn visible(&self) -> Vec<u64> {
+        let store = &self.cache.store;
+        let is_visible = |&index: &u64| {
+            let entry = store.entry(BrickId::new(self.lod, self.grid.xyz(index)));
+            match &self.purpose {
+                Purpose::Skip(seen) => seen.is_visible([entry.min, entry.max]),
+                Purpose::Highest | Purpose::Everything => true,
+            }
+        };
+        (0..self.grid.len())
+            .into_par_iter()
+            .filter(is_visible)
+            .collect()
+    }
+
+    /// What the brick is found by.
+    fn key(&self, id: BrickId) -> Key {
+        let entry = self.cache.store.entry(id);
+        if entry.constant {
+            Key::Constant(entry.min.to_bits())
+        } else {
+            Key::Brick(id)
+        }
+    }
+
     /// What stands for no brick at all.
     pub(super) fn nothing(&self) -> CastBrick {
         CastBrick {
@@ -275,12 +346,7 @@ impl<'a> CastLevel<'a> {
                 highest,
             });
         }
-        let key = if entry.constant {
-            Key::Constant(entry.min.to_bits())
-        } else {
-            Key::Brick(id)
-        };
-        let decoded = self.cache.get(key, id, reader, buffer)?;
+        let decoded = self.cache.get(self.key(id), id, reader, buffer)?;
         Ok(CastBrick {
             blocks: self.classified(&decoded),
             voxels: Arc::clone(&decoded.voxels),
@@ -347,7 +413,9 @@ impl<'a> NearBricks<'a> {
             .as_ref()
             .is_some_and(|(i, brick)| *i == index && (brick.has_voxels || !needs_voxels));
         if !is_here {
-            let loaded = self.level.load(index, needs_voxels, &mut self.reader, &mut self.buffer);
+            let loaded = self
+                .level
+                .load(index, needs_voxels, &mut self.reader, &mut self.buffer);
             let brick = loaded.unwrap_or_else(|error| {
                 self.error.get_or_insert(error);
                 self.level.nothing()

@@ -6,6 +6,7 @@
 
 use super::bricks::NearBricks;
 use super::field::{Field, Place, VoxelKind};
+use super::intervals::{Interval, Intervals};
 use super::light::Light;
 use super::rays::{Packet, Rays, Vec3, axes};
 use super::simd::{Lanes, PerLane};
@@ -21,6 +22,7 @@ pub(super) struct Scene<'a> {
     pub(super) frame: &'a RayFrame,
     /// One per level that is sampled.
     pub(super) tables: Vec<Table>,
+    pub(super) intervals: &'a [Intervals],
     pub(super) light: Option<Light>,
     pub(super) mode: Mode,
     pub(super) interpolation: Interpolation,
@@ -64,6 +66,7 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
         l,
         scene,
         packet,
+        at: [x, y],
         near,
         samples: l.i(0),
         passed: l.i(0),
@@ -88,6 +91,8 @@ struct Caster<'s, 'f, 'n, 'a, L: Lanes> {
     l: L,
     scene: &'s Scene<'f>,
     packet: Packet<L>,
+    /// Its first pixel.
+    at: [u32; 2],
     near: &'n mut [NearBricks<'a>],
     /// Per lane: samples taken, samples of the parts that are done, samples that counted.
     samples: L::I,
@@ -100,6 +105,8 @@ struct Caster<'s, 'f, 'n, 'a, L: Lanes> {
 struct Span<L: Lanes> {
     first: L::I,
     last: L::I,
+    /// Behind this there is nothing for any of them.
+    limit: i32,
     index: i32,
     end: i32,
 }
@@ -107,14 +114,23 @@ struct Span<L: Lanes> {
 impl<L: Lanes> Span<L> {
     /// Of the lanes `alive`.
     #[inline(always)]
-    fn new(l: L, first: L::I, last: L::I, alive: L::M) -> Self {
-        let some = alive & !l.gt_i(first, last);
-        Self {
+    fn new(l: L, first: L::I, last: L::I, [begin, limit]: Interval, alive: L::M) -> Self {
+        let mut span = Self {
             first,
             last,
-            index: l.least(some, first),
-            end: l.greatest(some, last),
-        }
+            limit,
+            index: l.least(alive & !l.gt_i(first, last), first).max(begin),
+            end: 0,
+        };
+        span.end_with(l, alive);
+        span
+    }
+
+    /// Only the lanes `alive` go on.
+    #[inline(always)]
+    fn end_with(&mut self, l: L, alive: L::M) {
+        let some = alive & !l.gt_i(self.first, self.last);
+        self.end = l.greatest(some, self.last).min(self.limit);
     }
 
     /// Lanes that have a sample here.
@@ -141,6 +157,11 @@ impl<L: Lanes> Span<L> {
 }
 
 impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
+    /// The samples of level number `n` that the packet's rays may have to take. Packets are not larger than cells.
+    fn interval(&self, n: usize) -> Interval {
+        self.scene.intervals[n].at(self.at)
+    }
+
     #[inline(always)]
     fn dvr<K: VoxelKind>(&mut self) -> [L::F; 4] {
         let (l, scene) = (self.l, self.scene);
@@ -152,7 +173,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
             let rays = Rays::new(l, scene.frame, level, &self.packet);
             // The sample at a switch is the coarser level's.
             let last = l.min_i(rays.last, l.i(level.end as i32 - 1));
-            let mut span = Span::new(l, rays.first, last, alive);
+            let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
             let mut field = Field::new(l, &mut self.near[n], level, scene.interpolation);
             let table = &scene.tables[n];
             while span.index <= span.end {
@@ -187,7 +208,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                         let passed = span.count_to(l, l.i(span.index));
                         add(l, &mut self.passed, opaque, passed);
                         alive = alive & !opaque;
-                        span.end = l.greatest(alive & !l.gt_i(rays.first, last), last);
+                        span.end_with(l, alive);
                     }
                 }
                 span.index += 1;
@@ -207,7 +228,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         for (n, level) in scene.levels() {
             let rays = Rays::new(l, scene.frame, level, &self.packet);
             let last = l.min_i(rays.last, l.i(level.end as i32 - 1));
-            let mut span = Span::new(l, rays.first, last, alive);
+            let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
             inside = inside | (alive & !l.gt_i(rays.first, last));
             let mut field = Field::new(l, &mut self.near[n], level, scene.interpolation);
             while span.index <= span.end {
@@ -264,7 +285,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         for (n, level) in scene.levels() {
             let rays = Rays::new(l, scene.frame, level, &self.packet);
             let last = rays.last;
-            let mut span = Span::new(l, rays.first, last, alive);
+            let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
             let mut field = Field::new(l, &mut self.near[n], level, scene.interpolation);
             // A segment has the level of its first sample, and both ends are sampled there (design.md §3).
             let (mut above_before, mut has_before) = (l.mask(0), l.mask(0));
@@ -289,17 +310,24 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                     add_one(l, &mut self.contributing, hit);
                     let passed = span.count_to(l, l.i(span.index));
                     add(l, &mut self.passed, hit, passed);
-                    let lit = surface::<L, K>(l, scene, &mut field, level, &rays, Hit {
-                        index: span.index,
-                        above,
-                        lanes: hit,
-                    });
+                    let lit = surface::<L, K>(
+                        l,
+                        scene,
+                        &mut field,
+                        level,
+                        &rays,
+                        Hit {
+                            index: span.index,
+                            above,
+                            lanes: hit,
+                        },
+                    );
                     for c in 0..3 {
                         color[c] = l.pick(hit, lit[c], color[c]);
                     }
                     color[3] = l.pick(hit, one, color[3]);
                     alive = alive & !hit;
-                    span.end = l.greatest(alive & !l.gt_i(rays.first, last), last);
+                    span.end_with(l, alive);
                 }
                 if l.any(active) {
                     span.index += 1;

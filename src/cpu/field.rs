@@ -188,8 +188,7 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
         Place {
             voxel,
             brick: axes!(n => l.shl::<BRICK_SHIFT>(brick[n])),
-            block: block[0]
-                + l.shl::<BLOCKS_SHIFT>(block[1] + l.shl::<BLOCKS_SHIFT>(block[2])),
+            block: block[0] + l.shl::<BLOCKS_SHIFT>(block[1] + l.shl::<BLOCKS_SHIFT>(block[2])),
         }
     }
 

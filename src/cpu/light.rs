@@ -16,9 +16,7 @@ impl Light {
     pub(super) fn new(shading: &Shading) -> Self {
         Self {
             shading: *shading,
-            to_light: shading
-                .light
-                .map(|d| (-d.as_vec3().normalize()).to_array()),
+            to_light: shading.light.map(|d| (-d.as_vec3().normalize()).to_array()),
         }
     }
 
@@ -47,7 +45,10 @@ impl Light {
         let half = axes!(n => to_light[n] + to_eye[n]);
         let half_length = l.sqrt(dot::<L>(half, half));
         let has_half = l.gt(half_length, l.f(1e-6));
-        let highlight = absolute(l, dot::<L>(normal, half) / l.pick(has_half, half_length, one));
+        let highlight = absolute(
+            l,
+            dot::<L>(normal, half) / l.pick(has_half, half_length, one),
+        );
         let highlight = l.pick(has_half, highlight, zero);
         let specular = l.f(self.shading.specular) * power(l, highlight, self.shading.shininess);
         let matte = ambient + l.f(self.shading.diffuse) * diffuse;
@@ -103,7 +104,15 @@ fn exp2<L: Lanes>(l: L, x: L::F) -> L::F {
     let whole = l.floor(x + l.f(0.5));
     let rest = (x - whole) * l.f(std::f32::consts::LN_2);
     let mut series = l.f(1.0 / 5040.0);
-    for term in [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
+    for term in [
+        1.0 / 720.0,
+        1.0 / 120.0,
+        1.0 / 24.0,
+        1.0 / 6.0,
+        0.5,
+        1.0,
+        1.0,
+    ] {
         series = series * rest + l.f(term);
     }
     let scale = l.as_f(l.shl::<23>(l.to_i(whole) + l.i(127)));

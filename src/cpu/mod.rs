@@ -8,6 +8,7 @@
 mod bricks;
 mod cast;
 mod field;
+mod intervals;
 mod light;
 mod picture;
 mod rays;

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::bricks::{BrickCache, CastLevel, NearBricks, Purpose};
 use super::cast::{Colors, Scene, cast};
 use super::field::{VoxelKind, with_voxel_kind};
+use super::intervals::Intervals;
 use super::simd::{InstructionSet, Kernel, Lanes};
 use super::skip::Seen;
 use super::table::Table;
@@ -25,8 +26,18 @@ pub struct CpuRenderer {
     cache: BrickCache,
     instructions: InstructionSet,
     /// What the blocks of each level have been classified by, and the number of that.
-    purposes: Vec<Option<(Purpose, u64)>>,
+    purposes: Vec<Option<ClassifiedLevel>>,
     generations: u64,
+}
+
+/// How a level's blocks are told.
+#[derive(Debug)]
+struct ClassifiedLevel {
+    purpose: Purpose,
+    /// Tells this from other classifications of this and other levels.
+    generation: u64,
+    /// The bricks that may be visible by the index.
+    visible: Arc<Vec<u64>>,
 }
 
 /// What has been read of the store, since the renderer was made.
@@ -48,6 +59,9 @@ pub struct CpuPicture {
     settings: PictureSettings,
     image: Image,
     counts: RayCounts,
+    /// One per level that is sampled, worked out when the first tile is drawn.
+    intervals: Option<Vec<Intervals>>,
+    visible: u64,
     next_tile: u32,
 }
 
@@ -57,6 +71,8 @@ impl CpuPicture {
         Self {
             image: Image::clear(frame.size),
             counts: RayCounts::default(),
+            intervals: None,
+            visible: 0,
             next_tile: 0,
             frame,
             classified,
@@ -72,6 +88,11 @@ impl CpuPicture {
     /// Samples so far.
     pub fn counts(&self) -> RayCounts {
         self.counts
+    }
+
+    /// Bricks of the levels in use that may be visible by the index; 0 before the first tile is drawn.
+    pub fn visible(&self) -> u64 {
+        self.visible
     }
 
     /// The sample grid.
@@ -99,7 +120,9 @@ impl CpuRenderer {
         Self {
             cache: BrickCache::new(store, ram_bytes),
             instructions,
-            purposes: vec![None; store.levels()],
+            purposes: std::iter::repeat_with(|| None)
+                .take(store.levels())
+                .collect(),
             generations: 0,
         }
     }
@@ -133,6 +156,14 @@ impl CpuRenderer {
         let last = picture.next_tile.saturating_add(tiles).min(picture.tiles());
         let (instructions, stored_type) = (self.instructions, self.cache.store().stored_type());
         let levels = self.levels(picture)?;
+        if picture.intervals.is_none() {
+            let used = picture.frame.used().iter().zip(&levels);
+            picture.visible = levels.iter().map(|(_, v)| v.len() as u64).sum();
+            picture.intervals = Some(
+                used.map(|(level, (cast, visible))| cast.intervals(&picture.frame, level, visible))
+                    .collect(),
+            );
+        }
         let scene = scene_of(picture);
         let [width, height] = picture.frame.size;
         let across = picture.tiles_across();
@@ -140,7 +171,10 @@ impl CpuRenderer {
         let drawn: Result<Vec<Tile>, StoreError> = (picture.next_tile..last)
             .into_par_iter()
             .map_init(
-                || levels.iter().map(|l| l.near(threads)).collect::<Vec<_>>(),
+                || {
+                    let near = levels.iter().map(|(level, _)| level.near(threads));
+                    near.collect::<Vec<_>>()
+                },
                 |near, tile| {
                     let [x, y] = [tile % across * TILE, tile / across * TILE];
                     let mut tile = Tile {
@@ -175,10 +209,13 @@ impl CpuRenderer {
         Ok(())
     }
 
-    /// The levels of `picture`, under its classification.
-    fn levels(&mut self, picture: &CpuPicture) -> Result<Vec<CastLevel<'_>>, StoreError> {
-        let mut wanted = Vec::new();
-        for (level, classified) in picture.frame.used().iter().zip(&picture.classified.levels) {
+    /// The levels of `picture`, under its classification, and their bricks that may be visible.
+    fn levels(
+        &mut self,
+        picture: &CpuPicture,
+    ) -> Result<Vec<(CastLevel<'_>, Arc<Vec<u64>>)>, StoreError> {
+        let used = picture.frame.used();
+        for (level, classified) in used.iter().zip(&picture.classified.levels) {
             self.cache.store().check_level(level.lod)?;
             let purpose = match (picture.settings.technique, picture.settings.mode) {
                 (Technique::Basic, _) => Purpose::Everything,
@@ -188,25 +225,36 @@ impl CpuRenderer {
                     iso: (mode == Mode::Iso).then_some(picture.classified.iso_stored),
                 }),
             };
-            wanted.push((level.lod, self.generation(level.lod, &purpose), purpose));
+            self.classify(level.lod, purpose);
         }
-        Ok(wanted
-            .into_iter()
-            .map(|(lod, generation, purpose)| CastLevel::new(&self.cache, lod, purpose, generation))
+        Ok(used
+            .iter()
+            .map(|level| {
+                let of = self.purposes[usize::from(level.lod.0)]
+                    .as_ref()
+                    .expect("invariant: the level was just classified");
+                (
+                    CastLevel::new(&self.cache, level.lod, of.purpose.clone(), of.generation),
+                    Arc::clone(&of.visible),
+                )
+            })
             .collect())
     }
 
-    /// The number of this classification of the level.
-    fn generation(&mut self, lod: Lod, purpose: &Purpose) -> u64 {
+    /// From now on the blocks of level `lod` are told so.
+    fn classify(&mut self, lod: Lod, purpose: Purpose) {
         let last = &mut self.purposes[usize::from(lod.0)];
-        match last {
-            Some((before, generation)) if before == purpose => *generation,
-            _ => {
-                self.generations += 1;
-                *last = Some((purpose.clone(), self.generations));
-                self.generations
-            }
+        if last.as_ref().is_some_and(|of| of.purpose == purpose) {
+            return;
         }
+        self.generations += 1;
+        let level = CastLevel::new(&self.cache, lod, purpose.clone(), self.generations);
+        let visible = Arc::new(level.visible());
+        *last = Some(ClassifiedLevel {
+            purpose,
+            generation: self.generations,
+            visible,
+        });
     }
 }
 
@@ -214,7 +262,12 @@ fn scene_of(picture: &CpuPicture) -> Scene<'_> {
     let (settings, classified) = (&picture.settings, &picture.classified);
     Scene {
         frame: &picture.frame,
-        tables: classified.levels.iter().map(|l| Table::new(&l.lut)).collect(),
+        tables: classified
+            .levels
+            .iter()
+            .map(|l| Table::new(&l.lut))
+            .collect(),
+        intervals: picture.intervals.as_deref().unwrap_or_default(),
         light: Scene::light_of(settings),
         mode: settings.mode,
         interpolation: settings.interpolation,

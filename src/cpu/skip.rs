@@ -49,7 +49,11 @@ impl Seen {
                 let mut new = grown[z] & !reached[z];
                 while new != 0 {
                     let block = 64 * z + new.trailing_zeros() as usize;
-                    let above = if self.is_above(ranges[block]) { ABOVE } else { 0 };
+                    let above = if self.is_above(ranges[block]) {
+                        ABOVE
+                    } else {
+                        0
+                    };
                     bytes[block] = distance | above;
                     new &= new - 1;
                 }

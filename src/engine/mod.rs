@@ -15,14 +15,15 @@ use std::sync::Arc;
 use std::time::Instant;
 
 pub use options::{
-    DeviceChoice, EngineError, EngineOptions, InstructionSet, ReadHook, ReadHookOption, SampleFilter,
+    DeviceChoice, EngineError, EngineOptions, InstructionSet, ReadHook, ReadHookOption,
+    SampleFilter,
 };
 pub use picture::Picture;
 pub use tick::{TickBudget, TickEvent, TickReport};
 
 use crate::scene::{Classified, GridParams, PictureSettings, RayFrame, SceneError};
-use host::HostDevice;
 use crate::store::{Store, StoreMeta};
+use host::HostDevice;
 
 /// A store and the device that draws it.
 #[derive(Debug)]

@@ -192,10 +192,7 @@ fn places(addresses: &Addresses, offset: I) -> [__m256i; 2] {
             _mm256_loadu_si256(p.add(4).cast()),
         )
     };
-    [
-        _mm256_add_epi64(first, low),
-        _mm256_add_epi64(second, high),
-    ]
+    [_mm256_add_epi64(first, low), _mm256_add_epi64(second, high)]
 }
 
 /// The four bytes at each of `low` and `high`, plus `at`.

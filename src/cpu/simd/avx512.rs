@@ -206,10 +206,7 @@ fn places(addresses: &Addresses, offset: I) -> [__m512i; 2] {
             _mm512_loadu_si512(p.add(8).cast()),
         )
     };
-    [
-        _mm512_add_epi64(first, low),
-        _mm512_add_epi64(second, high),
-    ]
+    [_mm512_add_epi64(first, low), _mm512_add_epi64(second, high)]
 }
 
 /// The four bytes at each of `low` and `high`, plus `at`.

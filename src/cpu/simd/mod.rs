@@ -139,6 +139,11 @@ impl GatherBytes {
         }
     }
 
+    /// The bytes.
+    pub(super) fn bytes(&self) -> &[u8] {
+        &self.bytes[..self.len()]
+    }
+
     /// How many there are, without the margin.
     pub(super) fn len(&self) -> usize {
         self.bytes.len() - Self::MARGIN
@@ -308,7 +313,7 @@ fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
 }
 
 #[cfg(target_arch = "x86_64")]
-mod avx512;
-#[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod portable;
