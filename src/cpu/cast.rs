@@ -21,7 +21,7 @@ use crate::scene::{
 pub(super) struct Scene<'a> {
     pub(super) frame: &'a RayFrame,
     /// One per level that is sampled.
-    pub(super) tables: Vec<Table>,
+    pub(super) tables: &'a [Table],
     pub(super) intervals: &'a [Intervals],
     pub(super) light: Option<Light>,
     pub(super) mode: Mode,

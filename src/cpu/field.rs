@@ -327,9 +327,7 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
         let at = self.voxel_at::<K>(l, place, voxel);
         let row = EDGE * K::BYTES;
         let layer = EDGE * row;
-        let pairs = K::pairs(l, &self.voxels, at, [0, row, layer, layer + row]);
-        let [a, b, c, d] = four!(n => lerp::<L>(pairs[n], f[0]));
-        lerp::<L>([lerp::<L>([a, b], f[1]), lerp::<L>([c, d], f[1])], f[2])
+        trilinear_at::<L, K>(l, &self.voxels, at, [row, layer], f)
     }
 
     /// Central differences at ±½ voxel of the level (design.md §3), per level voxel.
@@ -343,6 +341,20 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
             self.value::<K>(l, place, after) - self.value::<K>(l, place, before)
         })
     }
+}
+
+/// Between the eight voxels from the one at byte `at` on, of rows and layers of so many bytes.
+#[inline(always)]
+pub(super) fn trilinear_at<L: Lanes, K: VoxelKind>(
+    l: L,
+    voxels: &LaneTable,
+    at: L::I,
+    [row, layer]: [usize; 2],
+    f: Vec3<L>,
+) -> L::F {
+    let pairs = K::pairs(l, voxels, at, [0, row, layer, layer + row]);
+    let [a, b, c, d] = four!(n => lerp::<L>(pairs[n], f[0]));
+    lerp::<L>([lerp::<L>([a, b], f[1]), lerp::<L>([c, d], f[1])], f[2])
 }
 
 /// Between two values.

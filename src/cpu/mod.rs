@@ -5,6 +5,7 @@
 //! when a ray meets them, and kept as far as the memory allowed holds them. It never imports `gpu`, and has no mesh: for
 //! a packet of rays the distance to the nearest active block, a byte per block, costs less.
 
+mod bare;
 mod bricks;
 mod cast;
 mod field;
@@ -16,5 +17,6 @@ mod simd;
 mod skip;
 mod table;
 
+pub use bare::DenseArray;
 pub use picture::{CpuPicture, CpuRenderer, CpuTraffic};
 pub use simd::InstructionSet;

@@ -18,7 +18,7 @@ use crate::scene::{Classified, Image, Mode, PictureSettings, RayCounts, RayFrame
 use crate::store::{Store, StoreError};
 
 /// Pixels along the edge of a tile: what a thread draws at once.
-const TILE: u32 = 32;
+pub(super) const TILE: u32 = 32;
 
 /// A store and what of it is decoded, kept from picture to picture.
 #[derive(Debug)]
@@ -61,6 +61,8 @@ pub struct CpuPicture {
     counts: RayCounts,
     /// One per level that is sampled, worked out when the first tile is drawn.
     intervals: Option<Vec<Intervals>>,
+    /// One per level that is sampled.
+    tables: Vec<Table>,
     visible: u64,
     next_tile: u32,
 }
@@ -72,6 +74,11 @@ impl CpuPicture {
             image: Image::clear(frame.size),
             counts: RayCounts::default(),
             intervals: None,
+            tables: classified
+                .levels
+                .iter()
+                .map(|l| Table::new(&l.lut))
+                .collect(),
             visible: 0,
             next_tile: 0,
             frame,
@@ -93,6 +100,11 @@ impl CpuPicture {
     /// Bricks of the levels in use that may be visible by the index; 0 before the first tile is drawn.
     pub fn visible(&self) -> u64 {
         self.visible
+    }
+
+    /// The look-up tables of the levels that are sampled.
+    pub(super) fn tables(&self) -> &[Table] {
+        &self.tables
     }
 
     /// The sample grid.
@@ -262,11 +274,7 @@ fn scene_of(picture: &CpuPicture) -> Scene<'_> {
     let (settings, classified) = (&picture.settings, &picture.classified);
     Scene {
         frame: &picture.frame,
-        tables: classified
-            .levels
-            .iter()
-            .map(|l| Table::new(&l.lut))
-            .collect(),
+        tables: &picture.tables,
         intervals: picture.intervals.as_deref().unwrap_or_default(),
         light: Scene::light_of(settings),
         mode: settings.mode,

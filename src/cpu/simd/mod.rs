@@ -139,6 +139,14 @@ impl GatherBytes {
         }
     }
 
+    /// `bytes`, zeros behind them up to `len`.
+    pub(super) fn from_vec(mut bytes: Vec<u8>, len: usize) -> Self {
+        bytes.resize(len + Self::MARGIN, 0);
+        Self {
+            bytes: bytes.into_boxed_slice(),
+        }
+    }
+
     /// The bytes.
     pub(super) fn bytes(&self) -> &[u8] {
         &self.bytes[..self.len()]
