@@ -5,6 +5,7 @@
 //! nothing by itself, names no graphics device, and knows no argument of the command line. Figures are rounded when they
 //! are stored, never when they are computed.
 
+mod ceiling;
 mod compare;
 mod error;
 mod machine;
@@ -15,6 +16,10 @@ mod report;
 mod summary;
 mod table;
 
+pub use ceiling::{
+    CodecRate, DiskRate, RandomReads, StoreCeiling, codec_rate, disk_rate, memcpy_gb_per_s,
+    random_reads, sequential_read, vol_name,
+};
 pub use compare::{Comparison, Ratios};
 pub use error::BenchError;
 pub use machine::Machine;

@@ -37,7 +37,7 @@ impl OutputArgs {
         Ok(self.compare.as_deref().map(Report::read).transpose()?)
     }
 
-    /// Prints the rows and writes what was asked for. `title` is the plot's.
+    /// Prints the rows (and, under a table, `remarks`) and writes what was asked for. `title` is the plot's.
     ///
     /// # Errors
     /// Standard output or a file can't be written.
@@ -45,6 +45,7 @@ impl OutputArgs {
         &self,
         rows: Vec<R>,
         old: Option<&Report<R>>,
+        remarks: &[String],
         title: &str,
     ) -> anyhow::Result<()> {
         let mut comparison = old.map(Comparison::new);
@@ -65,6 +66,9 @@ impl OutputArgs {
             }
         } else {
             writeln!(out, "{}", table(&report.rows))?;
+            for remark in remarks {
+                writeln!(out, "\n{remark}")?;
+            }
             if old.is_some() {
                 writeln!(out, "\n{}", ratio_table(&report.rows, &ratios))?;
             }
