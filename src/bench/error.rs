@@ -5,10 +5,12 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::bricking::BrickError;
 use crate::engine::EngineError;
 use crate::outfile::OutFileError;
 use crate::scene::SceneError;
 use crate::store::StoreError;
+use crate::volume::SourceError;
 
 /// Why a measurement can't be made, written or compared.
 #[derive(Debug, Error)]
@@ -18,6 +20,10 @@ pub enum BenchError {
     Engine(#[from] EngineError),
     #[error(transparent)]
     Store(#[from] StoreError),
+    #[error(transparent)]
+    Brick(#[from] BrickError),
+    #[error(transparent)]
+    Source(#[from] SourceError),
     #[error(transparent)]
     Scene(#[from] SceneError),
     #[error(transparent)]

@@ -5,6 +5,7 @@
 //! nothing by itself, names no graphics device, and knows no argument of the command line. Figures are rounded when they
 //! are stored, never when they are computed.
 
+mod brick;
 mod ceiling;
 mod compare;
 mod error;
@@ -16,6 +17,7 @@ mod report;
 mod summary;
 mod table;
 
+pub use brick::{BrickCeiling, BrickJob, BrickRow};
 pub use ceiling::{
     CodecRate, DiskRate, RandomReads, StoreCeiling, codec_rate, disk_rate, memcpy_gb_per_s,
     random_reads, sequential_read, vol_name,
