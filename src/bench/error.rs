@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 use crate::bricking::BrickError;
+use crate::classify::CurveError;
 use crate::engine::EngineError;
 use crate::outfile::OutFileError;
 use crate::scene::SceneError;
@@ -28,8 +29,14 @@ pub enum BenchError {
     Scene(#[from] SceneError),
     #[error(transparent)]
     OutFile(#[from] OutFileError),
+    #[error(transparent)]
+    Curve(#[from] CurveError),
     #[error("{vol}: {bricks} bricks can't be read; 'brickscope verify' tells which")]
     FailedBricks { vol: String, bricks: u64 },
+    #[error(
+        "{device} has no memory of its own to page bricks into; give a graphics adapter with --device NAME"
+    )]
+    NoPaging { device: String },
     #[error("{}: is no report that --out has written: {error}; measure again with --out", path.display())]
     NotJson {
         path: PathBuf,
