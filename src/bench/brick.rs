@@ -8,6 +8,9 @@
 //! - *encode*: the rate of zstd level 1 on one core, on the store's own records, × threads × source bytes ÷ plain bytes of
 //!   all records (borders, levels and block ranges included, constant bricks not).
 //!
+//! On a machine that others use, too, wall time says little. There the **encode share** tells: the CPU time that zstd level 1
+//! alone takes for the records ÷ the CPU time of the run.
+//!
 //! The **plain ceiling** is min(disk, zstd -1 encode × threads) without these conversions: as if each voxel were read, encoded
 //! and written once.
 
@@ -15,7 +18,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::ceiling::{DiskRate, codec_rate, vol_name};
+use super::ceiling::{CodecRate, DiskRate, codec_rate, vol_name};
 use super::error::BenchError;
 use super::process::{peak_rss_bytes, storage_bytes_read};
 use super::report::{NamedTime, Row};
@@ -53,6 +56,8 @@ pub struct BrickCeiling {
     pub mb_per_s: Option<f64>,
     /// min(disk, zstd -1 encode × threads), MB/s.
     pub plain_mb_per_s: Option<f64>,
+    /// CPU time that zstd level 1 takes for the plain bytes of all records, ms.
+    pub zstd_encode_ms: Option<f64>,
 }
 
 /// What bricking a source costs. Fields are null where they can't be told.
@@ -90,6 +95,8 @@ pub struct BrickRow {
     pub of_ceiling: Option<f64>,
     /// `mb_per_s` ÷ `ceiling.plain_mb_per_s`.
     pub of_plain_ceiling: Option<f64>,
+    /// CPU time of zstd level 1 alone on all records ÷ `cpu_ms`: the rest is reading, converting, levels, ranges, writing.
+    pub encode_share: Option<f64>,
     /// Most resident memory of the process so far, MiB.
     pub rss_peak_mib: Option<f64>,
     /// Of this program.
@@ -108,6 +115,7 @@ impl Row for BrickRow {
         "ceiling MB/s",
         "÷ ceiling",
         "÷ plain ceiling",
+        "zstd ÷ CPU",
         "from disk MB",
         "store MB",
         "peak MiB",
@@ -140,6 +148,7 @@ impl Row for BrickRow {
             figure(self.ceiling.and_then(|c| c.mb_per_s), 0),
             figure(self.of_ceiling, 2),
             figure(self.of_plain_ceiling, 2),
+            figure(self.encode_share, 2),
             figure(self.storage_bytes_read.map(megabytes), 0),
             figure(Some(megabytes(self.bytes_out)), 0),
             figure(self.rss_peak_mib, 0),
@@ -205,6 +214,10 @@ impl BrickJob {
             mb_per_core_s: cpu_ms.map(|ms| rounded(mb_per(ms))),
             of_ceiling: share(ceiling.and_then(|c| c.mb_per_s)),
             of_plain_ceiling: share(ceiling.and_then(|c| c.plain_mb_per_s)),
+            encode_share: ceiling
+                .and_then(|c| c.zstd_encode_ms)
+                .zip(cpu_ms.filter(|&ms| ms > 0.0))
+                .map(|(zstd, all)| rounded(zstd / all)),
             ceiling,
             rss_peak_mib: peak.map(mib),
             version: env!("CARGO_PKG_VERSION").into(),
@@ -232,14 +245,12 @@ fn limits(
     // MB of source voxels per second, when `bytes` are handled at `rate`; no limit where nothing is handled.
     let limit =
         |rate: f64, bytes: f64| (bytes > 0.0).then(|| rate * report.bytes_in as f64 / bytes);
+    let plain_bytes = |codec: CodecRate| report.kept_bricks as f64 * codec.plain_bytes as f64;
     let read = disk.zip(storage_bytes_read);
     let limits = [
         read.and_then(|(disk, bytes)| limit(disk.read_mb_per_s, bytes as f64)),
         disk.and_then(|disk| limit(disk.write_mb_per_s, report.bytes_out as f64)),
-        codec.and_then(|codec| {
-            let plain = report.kept_bricks as f64 * codec.plain_bytes as f64;
-            limit(codec.encode_mb_per_s * threads, plain)
-        }),
+        codec.and_then(|codec| limit(codec.encode_mb_per_s * threads, plain_bytes(codec))),
     ];
     let plain = [
         disk.map(|disk| disk.read_mb_per_s.min(disk.write_mb_per_s)),
@@ -259,6 +270,7 @@ fn limits(
         zstd_encode_mb_per_s: codec.map(|codec| rounded(codec.encode_mb_per_s)),
         mb_per_s: least(&limits),
         plain_mb_per_s: least(&plain),
+        zstd_encode_ms: codec.map(|codec| rounded(plain_bytes(codec) / 1e3 / codec.encode_mb_per_s)),
     })
 }
 

@@ -123,11 +123,11 @@ mod tests {
             brick(&mut *source, &path, &options, &NoProgress).unwrap();
             codec_rate(&Store::open(&path).unwrap()).unwrap()
         };
-        let rate16 = rate("sponge:64,64,64:u16").expect("there are records");
+        let rate16 = rate("phantom:sponge:64,64,64:u16").expect("there are records");
         assert_eq!(rate16.plain_bytes, 1024 + 2 * 34 * 34 * 34);
         assert!(rate16.record_bytes > 0 && rate16.record_bytes < rate16.plain_bytes);
         assert!(rate16.encode_mb_per_s > 0.0 && rate16.decode_mb_per_s > 0.0);
         // All air: no brick has a record.
-        assert_eq!(rate("vessels:2,2,2"), None);
+        assert_eq!(rate("phantom:vessels:2,2,2"), None);
     }
 }
