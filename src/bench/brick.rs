@@ -270,7 +270,8 @@ fn limits(
         zstd_encode_mb_per_s: codec.map(|codec| rounded(codec.encode_mb_per_s)),
         mb_per_s: least(&limits),
         plain_mb_per_s: least(&plain),
-        zstd_encode_ms: codec.map(|codec| rounded(plain_bytes(codec) / 1e3 / codec.encode_mb_per_s)),
+        zstd_encode_ms: codec
+            .map(|codec| rounded(plain_bytes(codec) / 1e3 / codec.encode_mb_per_s)),
     })
 }
 
