@@ -1,23 +1,26 @@
 //! `bench render`: what a frame costs, over a full turn about the volume (cli.md).
 //!
-//! The turn: perspective 30°, the eye at [`turn_distance_mm`] from the centre, up +y, azimuth about +y in equal steps from
-//! +z on. A frame is one call of [`Engine::render`], from settings to a finished picture in host memory, each sample
+//! A frame of the turn ([`Turn`]) is one call of [`Engine::render`], from settings to a finished picture in host memory, each sample
 //! exact. What the turn reads of the store beyond the warm-up is part of it, and is counted.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::ceiling::StoreCeiling;
 use super::error::BenchError;
 use super::process::peak_rss_bytes;
 use super::report::{NamedTime, Row};
 use super::summary::{mean, median, mib, percentile, rounded};
 use super::table::{figure, millions};
+use super::turn::{Turn, next_event};
 use crate::camera::Camera;
 use crate::clock::{Stopwatch, ms, since_process_start};
-use crate::engine::{Engine, TickBudget, TickEvent};
-use crate::scene::{PictureSettings, PictureStats, volume_bounds};
-use crate::store::StoreMeta;
+use crate::engine::{BareRate, Engine, TickBudget};
+use crate::scene::{Mode, PictureSettings, PictureStats, ShadingModel};
+
+/// Frames of the turn on which the device's own ceiling is measured, at most.
+const BARE_FRAMES: u32 = 4;
 
 /// What is drawn before the clock starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,6 +96,20 @@ pub struct RenderRow {
     pub first_whole_ms: Option<f64>,
     /// Most resident memory of the process until then, MiB.
     pub rss_whole_mib: Option<f64>,
+    /// Samples per second of a bare kernel that interpolates as this configuration does and composites at the same
+    /// positions, without bricks, skipping and early end ([`Engine::measure_bare`]), in millions: by `bare_clock`, over up
+    /// to four frames of the turn. Mode dvr without light only.
+    pub bare_msamples_per_s: Option<f64>,
+    /// The same with the hardware's linear filter.
+    pub bare_filtered_msamples_per_s: Option<f64>,
+    /// Which time the rates count: `cpu` (of the process, on software adapters), `gpu` (timestamps) or `wall`.
+    pub bare_clock: Option<String>,
+    /// This configuration's samples per second, by the same clock, ÷ `bare_msamples_per_s`.
+    pub efficiency: Option<f64>,
+    /// The same ÷ `bare_filtered_msamples_per_s`.
+    pub efficiency_filtered: Option<f64>,
+    /// What bounds reading the store on this machine.
+    pub ceiling: Option<StoreCeiling>,
     /// The graphics adapter's name; null on the CPU.
     pub adapter: Option<String>,
     /// Of this program.
@@ -115,6 +132,7 @@ impl Row for RenderRow {
         "changing",
         "skipped",
         "ns/sample",
+        "÷ bare",
     ];
 
     fn name(&self) -> String {
@@ -148,6 +166,7 @@ impl Row for RenderRow {
             self.samples_contributing.map_or("–".into(), millions),
             millions(self.samples_skipped),
             figure(self.ns_per_sample, 1),
+            figure(self.efficiency, 2),
         ]
     }
 }
@@ -158,65 +177,98 @@ impl RenderJob {
     /// # Errors
     /// The settings make no picture, a brick can't be read, or the device fails or is too small.
     pub fn measure(&self, engine: &mut Engine) -> Result<RenderRow, BenchError> {
+        let turn = self.turn(engine);
         let whole = if self.whole {
-            Some(self.first_whole(engine)?)
+            Some(self.first_whole(engine, &turn)?)
         } else {
             None
         };
-        engine.render(&self.frame(engine, 0))?;
+        engine.render(&turn.frame(0))?;
         let first_ms = self.is_first.then(|| ms(since_process_start()));
         if self.warm_up == WarmUp::Turn {
             for frame in 1..self.frames {
-                engine.render(&self.frame(engine, frame))?;
+                engine.render(&turn.frame(frame))?;
             }
         }
         let mut wall_ms = Vec::with_capacity(self.frames as usize);
         let mut stats = Vec::with_capacity(self.frames as usize);
-        let turn = Stopwatch::start();
+        let all = Stopwatch::start();
         for frame in 0..self.frames {
-            let settings = self.frame(engine, frame);
+            let settings = turn.frame(frame);
             let watch = Stopwatch::start();
             let picture = engine.render(&settings)?;
             wall_ms.push(watch.elapsed().wall_ms);
             stats.push(picture.stats);
         }
-        let cpu_ms = turn.elapsed().cpu_ms.map(|ms| ms / f64::from(self.frames));
+        let cpu_ms = all.elapsed().cpu_ms.map(|ms| ms / f64::from(self.frames));
         Ok(self.row(&wall_ms, cpu_ms, first_ms, whole, &stats))
     }
 
-    /// The settings of frame `number` of the turn.
-    fn frame(&self, engine: &Engine, number: u32) -> PictureSettings {
-        let meta = engine.meta();
-        let center = volume_bounds(meta.dims, &meta.world_from_index).center;
-        let camera = Camera::turntable(number, self.frames, center, turn_distance_mm(meta));
-        PictureSettings {
-            camera,
-            ..self.settings.clone()
+    /// Measures the device's own ceiling and holds `row` against it. What was resident on `engine` is dropped.
+    ///
+    /// # Errors
+    /// The settings make no picture, a brick can't be read, or the device fails.
+    pub fn hold_against_bare(
+        &self,
+        engine: &mut Engine,
+        row: &mut RenderRow,
+    ) -> Result<(), BenchError> {
+        let settings = &self.settings;
+        if settings.mode != Mode::Dvr || settings.shading.model != ShadingModel::None {
+            return Ok(());
         }
+        let stride = self.frames.div_ceil(BARE_FRAMES) as usize;
+        let turn = self.turn(engine);
+        let cameras: Vec<Camera> = (0..self.frames)
+            .step_by(stride)
+            .map(|number| turn.camera(number))
+            .collect();
+        let Some(rates) = engine.measure_bare(settings, &cameras)? else {
+            return Ok(());
+        };
+        let bare_ms: fn(&BareRate) -> Option<f64>;
+        let (clock, own_ms);
+        if rates.on_processor && row.cpu_ms.is_some() {
+            (clock, own_ms) = ("cpu", row.cpu_ms);
+            bare_ms = |rate| rate.cpu_ms;
+        } else if row.gpu_ms.is_some() {
+            (clock, own_ms) = ("gpu", row.gpu_ms);
+            bare_ms = |rate| rate.gpu_ms;
+        } else {
+            (clock, own_ms) = ("wall", Some(row.median_ms));
+            bare_ms = |rate| Some(rate.wall_ms);
+        }
+        // Samples per ms ÷ 1000 are millions of samples per second.
+        let rate = |samples: u64, ms: Option<f64>| -> Option<f64> {
+            ms.filter(|&ms| ms > 0.0 && samples > 0)
+                .map(|ms| samples as f64 / ms / 1e3)
+        };
+        let own = rate(row.samples, own_ms);
+        let of = |bare: &BareRate| rate(bare.samples, bare_ms(bare));
+        let efficiency = |bare: Option<f64>| own.zip(bare).map(|(own, bare)| rounded(own / bare));
+        let (exact, filtered) = (of(&rates.exact), rates.filtered.as_ref().and_then(of));
+        row.bare_clock = Some(clock.into());
+        row.bare_msamples_per_s = exact.map(rounded);
+        row.bare_filtered_msamples_per_s = filtered.map(rounded);
+        row.efficiency = efficiency(exact);
+        row.efficiency_filtered = efficiency(filtered);
+        Ok(())
+    }
+
+    /// The pictures.
+    fn turn(&self, engine: &Engine) -> Turn {
+        Turn::new(&self.settings, engine.meta(), self.frames)
     }
 
     /// The first whole picture by ticks.
-    fn first_whole(&self, engine: &mut Engine) -> Result<Whole, BenchError> {
-        engine.set_picture(self.frame(engine, 0));
-        loop {
-            let report = engine.tick(&TickBudget::default())?;
-            match report.event {
-                None => {}
-                Some(TickEvent::Failed) => {
-                    return Err(BenchError::FailedBricks {
-                        vol: self.vol.clone(),
-                        bricks: report.failed_bricks,
-                    });
-                }
-                // What comes at once is exact at once.
-                Some(TickEvent::Whole | TickEvent::Refined | TickEvent::Converged) => {
-                    return Ok(Whole {
-                        since_start_ms: ms(since_process_start()),
-                        peak_rss_bytes: peak_rss_bytes(),
-                    });
-                }
-            }
-        }
+    fn first_whole(&self, engine: &mut Engine, turn: &Turn) -> Result<Whole, BenchError> {
+        engine.set_picture(turn.frame(0));
+        // What comes first is whole; what comes at once is exact at once.
+        next_event(engine, &self.vol, &TickBudget::default())?;
+        Ok(Whole {
+            since_start_ms: ms(since_process_start()),
+            peak_rss_bytes: peak_rss_bytes(),
+        })
     }
 
     fn row(
@@ -266,6 +318,12 @@ impl RenderJob {
             passes_ms: passes.as_deref().map(pass_medians),
             first_whole_ms: whole.map(|w| rounded(w.since_start_ms)),
             rss_whole_mib: whole.and_then(|w| w.peak_rss_bytes).map(mib),
+            bare_msamples_per_s: None,
+            bare_filtered_msamples_per_s: None,
+            bare_clock: None,
+            efficiency: None,
+            efficiency_filtered: None,
+            ceiling: None,
             adapter: last.and_then(|s| s.adapter.clone()),
             version: env!("CARGO_PKG_VERSION").into(),
         }
@@ -291,18 +349,4 @@ fn pass_medians(frames: &[&BTreeMap<String, f64>]) -> BTreeMap<String, f64> {
         .into_iter()
         .filter_map(|(name, ms)| Some((name.to_owned(), rounded(median(&ms)?))))
         .collect()
-}
-
-/// Distance of the eye from the centre, mm: 1.5 × n·√3 spacings for a cube of n voxels of one spacing, else 1.5 × the
-/// diagonal of the rendered box.
-pub fn turn_distance_mm(meta: &StoreMeta) -> f64 {
-    let (dims, spacing) = (meta.dims, meta.spacing());
-    let is_cube = dims.x == dims.y
-        && dims.y == dims.z
-        && (spacing.max_element() - spacing.min_element()) <= 1e-6 * spacing.max_element();
-    1.5 * if is_cube {
-        dims.x as f64 * 3f64.sqrt() * spacing.x
-    } else {
-        2.0 * volume_bounds(dims, &meta.world_from_index).radius
-    }
 }

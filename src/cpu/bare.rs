@@ -59,11 +59,6 @@ impl DenseArray {
         }))
     }
 
-    /// The level.
-    pub fn lod(&self) -> Lod {
-        self.lod
-    }
-
     /// Casts what `picture` samples of this level, on all threads of the current rayon pool; the number of samples. Mode
     /// and light of the picture don't matter: all is done as in mode dvr without light.
     pub fn cast(&self, picture: &CpuPicture, instructions: InstructionSet) -> u64 {

@@ -1,12 +1,17 @@
 //! The CPU half of the engine: the renderer of one store, kept from picture to picture, and the picture that ticks draw.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::bare::{BareRate, BareRates};
 use super::{
     DeviceChoice, EngineError, EngineOptions, Picture, TickBudget, TickEvent, TickReport, prepare,
 };
-use crate::cpu::{CpuPicture, CpuRenderer, CpuTraffic, InstructionSet};
+use crate::camera::Camera;
+use crate::clock::Stopwatch;
+use crate::cpu::{CpuPicture, CpuRenderer, CpuTraffic, DenseArray, InstructionSet};
+use crate::geom::Lod;
 use crate::reference;
 use crate::scene::{Image, PictureSettings, PictureStats};
 use crate::store::Store;
@@ -205,6 +210,58 @@ impl HostDevice {
         Ok(Some(event))
     }
 
+    /// See [`super::Engine::measure_bare`].
+    pub(super) fn measure_bare(
+        &mut self,
+        settings: &PictureSettings,
+        cameras: &[Camera],
+    ) -> Result<Option<BareRates>, EngineError> {
+        let Renderer::Fast(renderer) = &self.renderer else {
+            return Ok(None);
+        };
+        renderer.forget();
+        let pictures: Vec<CpuPicture> = cameras
+            .iter()
+            .map(|&camera| {
+                let settings = PictureSettings {
+                    camera,
+                    ..settings.clone()
+                };
+                begin(&self.store, &settings)
+            })
+            .collect::<Result<_, _>>()?;
+        let levels: BTreeSet<Lod> = pictures
+            .iter()
+            .flat_map(|p| p.frame().used().iter().map(|level| level.lod))
+            .collect();
+        let mut rates = Vec::new();
+        for lod in levels {
+            let Some(dense) = DenseArray::read(&self.store, lod)? else {
+                return Ok(None);
+            };
+            let sampling = |p: &&CpuPicture| p.frame().used().iter().any(|l| l.lod == lod);
+            for (n, picture) in pictures.iter().filter(sampling).enumerate() {
+                if n == 0 {
+                    dense.cast(picture, renderer.instructions());
+                }
+                let watch = Stopwatch::start();
+                let samples = dense.cast(picture, renderer.instructions());
+                let elapsed = watch.elapsed();
+                rates.push(BareRate {
+                    samples,
+                    wall_ms: elapsed.wall_ms,
+                    cpu_ms: elapsed.cpu_ms,
+                    gpu_ms: None,
+                });
+            }
+        }
+        Ok(Some(BareRates {
+            exact: BareRate::sum(&rates),
+            filtered: None,
+            on_processor: true,
+        }))
+    }
+
     fn traffic(&self) -> CpuTraffic {
         match &self.renderer {
             Renderer::Fast(renderer) => renderer.traffic(),
@@ -254,6 +311,7 @@ fn stats_of(picture: &CpuPicture, before: CpuTraffic, after: CpuTraffic) -> Pict
         bricks_read: Some(after.bricks_read - before.bricks_read),
         bytes_read: Some(after.bytes_read - before.bytes_read),
         bytes_decompressed: Some(after.bytes_decompressed - before.bytes_decompressed),
+        bricks_visible: Some(picture.visible()),
         lod: picture.frame().levels[0].lod.0,
         ..PictureStats::default()
     }

@@ -3,6 +3,7 @@
 //! Wiring only: it hands the pager's plans to the loader and to `render`, and the same settings to `cpu` when the device is
 //! the CPU. No algorithm lives here, and nothing above it names `render`, `gpu` or `pager`.
 
+mod bare;
 #[cfg(feature = "gpu")]
 mod device;
 mod host;
@@ -14,6 +15,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+pub use bare::{BareRate, BareRates};
 pub use options::{
     DeviceChoice, EngineError, EngineOptions, InstructionSet, ReadHook, ReadHookOption,
     SampleFilter,
@@ -104,6 +106,17 @@ impl Engine {
             Device::Cpu(cpu) => cpu.forget(),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.forget(),
+        }
+    }
+
+    /// Milliseconds that bricks took from the first request to their slot: one for each that was requested and got one
+    /// since the last call. Predicted bricks are not among them, nor are those of a volume that was dropped meanwhile.
+    /// Empty on the CPU, and without [`EngineOptions::keep_waits`].
+    pub fn take_waits_ms(&mut self) -> Vec<f64> {
+        match &mut self.device {
+            Device::Cpu(_) => Vec::new(),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.take_waits_ms(),
         }
     }
 

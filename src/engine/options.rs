@@ -70,6 +70,8 @@ pub struct EngineOptions {
     pub max_atlas_edge: u32,
     /// The vector instructions of the CPU renderer, for tests; `None`: the best that the processor has.
     pub instructions: Option<InstructionSet>,
+    /// Keep how long each brick waits for its slot, for measurements ([`super::Engine::take_waits_ms`])?
+    pub keep_waits: bool,
     /// Called before each brick is read, for tests: may wait, and may fail in the brick's place.
     pub read_hook: Option<ReadHookOption>,
 }
@@ -87,6 +89,7 @@ impl Default for EngineOptions {
             max_slots: None,
             max_atlas_edge: u32::MAX,
             instructions: None,
+            keep_waits: false,
             read_hook: None,
         }
     }

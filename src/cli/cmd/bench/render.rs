@@ -4,10 +4,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use anyhow::bail;
-
 use super::output::{OutputArgs, note};
-use crate::bench::{RenderJob, RenderRow, WarmUp};
+use super::{note_fallback, refuse_camera};
+use crate::bench::{RenderJob, RenderRow, StoreCeiling, WarmUp, vol_name};
 use crate::cli::args;
 use crate::cli::config::{ModeArg, PictureArgs};
 use crate::engine::Engine;
@@ -47,6 +46,9 @@ pub struct Args {
     /// Measure the first whole picture, from the start of the process, before anything else
     #[arg(long)]
     whole: bool,
+    /// Leave out what the machine could do at most: bare kernel, codec, disk, memory
+    #[arg(long)]
+    no_ceiling: bool,
     #[command(flatten)]
     output: OutputArgs,
     #[command(flatten)]
@@ -66,46 +68,50 @@ enum WarmUpArg {
 /// # Errors
 /// A store is refused, the flags make no picture, the device fails, or a report can't be read or written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    if let Some(flag) = args.picture.camera_flag() {
-        bail!(
-            "{flag}: bench render has a camera of its own, a full turn about the volume at perspective 30°; \
-             leave the flag out, or use 'brickscope render' for one picture"
-        );
-    }
+    refuse_camera(&args.picture, "render")?;
     let old = args.output.open()?;
     let mut rows: Vec<RenderRow> = Vec::new();
+    let mut remarks = Vec::new();
     for path in &args.stores {
         let store = Arc::new(Store::open(path)?);
         store.check_all_levels()?;
-        let mut engine = Engine::with_store(store, args.picture.engine_options())?;
-        let mut notes: Vec<String> = engine
-            .fallback()
-            .map(|why| format!("drawing on the CPU: {why}"))
-            .into_iter()
-            .collect();
+        let mut engine = Engine::with_store(Arc::clone(&store), args.picture.engine_options())?;
+        note_fallback(&engine);
+        let mut notes = Vec::new();
+        let mut measured = Vec::new();
         for picture in args.picture.variants(&args.modes, &args.sizes, &args.steps) {
+            let is_first = rows.is_empty() && measured.is_empty();
             let job = RenderJob {
-                vol: path
-                    .file_stem()
-                    .unwrap_or_default()
-                    .to_string_lossy()
-                    .into_owned(),
+                vol: vol_name(path),
                 settings: picture.settings(engine.meta(), &mut notes)?,
                 frames: args.frames,
                 warm_up: match args.warm_up {
                     WarmUpArg::Frame => WarmUp::Frame,
                     WarmUpArg::Turn => WarmUp::Turn,
                 },
-                is_first: rows.is_empty(),
-                whole: args.whole && rows.is_empty(),
+                is_first,
+                whole: args.whole && is_first,
             };
             for text in notes.drain(..) {
                 note(&text);
             }
-            rows.push(job.measure(&mut engine)?);
+            let row = job.measure(&mut engine)?;
+            measured.push((job, row));
+        }
+        // After all pictures of the store: the ceilings take memory and drop what is resident.
+        let ceiling = (!args.no_ceiling)
+            .then(|| StoreCeiling::measure(&store))
+            .transpose()?;
+        remarks.extend(ceiling.map(|c| c.remark(&vol_name(path))));
+        for (job, mut row) in measured {
+            row.ceiling = ceiling;
+            if !args.no_ceiling {
+                job.hold_against_bare(&mut engine, &mut row)?;
+            }
+            rows.push(row);
         }
     }
     args.output
-        .finish(rows, old.as_ref(), "bench render: ms per frame")?;
+        .finish(rows, old.as_ref(), &remarks, "bench render: ms per frame")?;
     Ok(ExitCode::SUCCESS)
 }
