@@ -24,9 +24,6 @@ pub(super) trait VoxelKind: Copy {
 
     /// The voxel at each of four places, and its neighbour along x.
     fn pairs<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I, at: [usize; 4]) -> [[L::F; 2]; 4];
-
-    /// One voxel.
-    fn one<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I) -> L::F;
 }
 
 /// u8 voxels.
@@ -48,11 +45,6 @@ impl VoxelKind for U8 {
         let w = voxels.gather4(l, offset, at);
         four!(n => [l.to_f(w[n] & low), l.to_f(l.shr_u::<8>(w[n]) & low)])
     }
-
-    #[inline(always)]
-    fn one<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I) -> L::F {
-        l.to_f(voxels.gather(l, offset) & l.i(0xff))
-    }
 }
 
 impl VoxelKind for U16 {
@@ -64,11 +56,6 @@ impl VoxelKind for U16 {
         let w = voxels.gather4(l, offset, at);
         four!(n => [l.to_f(w[n] & low), l.to_f(l.shr_u::<16>(w[n]))])
     }
-
-    #[inline(always)]
-    fn one<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I) -> L::F {
-        l.to_f(voxels.gather(l, offset) & l.i(0xffff))
-    }
 }
 
 impl VoxelKind for F32 {
@@ -79,11 +66,6 @@ impl VoxelKind for F32 {
         let here = voxels.gather4(l, offset, at);
         let next = voxels.gather4(l, offset, four!(n => at[n] + 4));
         four!(n => [l.as_f(here[n]), l.as_f(next[n])])
-    }
-
-    #[inline(always)]
-    fn one<L: Lanes>(l: L, voxels: &LaneTable, offset: L::I) -> L::F {
-        l.as_f(voxels.gather(l, offset))
     }
 }
 
@@ -126,7 +108,9 @@ pub(super) struct Place<L: Lanes> {
 /// A level under the lanes of a packet.
 pub(super) struct Field<'n, 'a, L: Lanes> {
     near: &'n mut NearBricks<'a>,
-    interpolation: Interpolation,
+    /// From a position to the first of the voxels around it, and whether the others count: ½ and 1, or both 0.
+    shift: L::F,
+    weight: L::F,
     /// The voxel that offsets count from.
     anchor: [L::I; 3],
     /// The last voxel of the level.
@@ -153,8 +137,13 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
         let grid = near.level().grid();
         let nothing = near.level().nothing();
         let last = (grid.voxels - 1).as_ivec3();
+        let (shift, weight) = match interpolation {
+            Interpolation::Linear => (0.5, 1.0),
+            Interpolation::Nearest => (0.0, 0.0),
+        };
         Self {
-            interpolation,
+            shift: l.f(shift),
+            weight: l.f(weight),
             anchor: axes!(n => l.i(level.anchor[n])),
             last: axes!(n => l.i(last[n])),
             row: l.i(grid.bricks.x as i32),
@@ -287,15 +276,6 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
         l.to_i(l.floor(l.max(l.min(t, l.f(1e9)), l.f(-1.0)))) + l.i(1)
     }
 
-    /// The values at `offset`, which is in the bricks of `place`.
-    #[inline(always)]
-    pub(super) fn value<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
-        match self.interpolation {
-            Interpolation::Linear => self.trilinear::<K>(l, place, offset),
-            Interpolation::Nearest => self.nearest::<K>(l, place, offset),
-        }
-    }
-
     /// Bytes from the beginning of the bricks to voxel `voxel` of the level, which is in them or their border.
     #[inline(always)]
     fn voxel_at<K: VoxelKind>(&self, l: L, place: &Place<L>, voxel: [L::I; 3]) -> L::I {
@@ -310,36 +290,31 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
         }
     }
 
-    /// The voxels that contain `offset`, values.
+    /// The values at `offset`, which is in the bricks of `place`. The nearest voxel's is the trilinear one of weights 0.
     #[inline(always)]
-    fn nearest<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
-        let voxel = axes!(n => l.to_i(l.floor(offset[n])) + self.anchor[n]);
-        K::one(l, &self.voxels, self.voxel_at::<K>(l, place, voxel))
-    }
-
-    #[inline(always)]
-    fn trilinear<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
-        let half = l.f(0.5);
-        let shifted = axes!(n => offset[n] - half);
+    pub(super) fn value<K: VoxelKind>(&self, l: L, place: &Place<L>, offset: Vec3<L>) -> L::F {
+        let shifted = axes!(n => offset[n] - self.shift);
         let floor = axes!(n => l.floor(shifted[n]));
-        let f = axes!(n => shifted[n] - floor[n]);
+        let f = axes!(n => (shifted[n] - floor[n]) * self.weight);
         let voxel = axes!(n => l.to_i(floor[n]) + self.anchor[n]);
         let at = self.voxel_at::<K>(l, place, voxel);
         let row = EDGE * K::BYTES;
-        let layer = EDGE * row;
-        trilinear_at::<L, K>(l, &self.voxels, at, [row, layer], f)
+        trilinear_at::<L, K>(l, &self.voxels, at, [row, EDGE * row], f)
     }
 
     /// Central differences at ±½ voxel of the level (design.md §3), per level voxel.
     #[inline(always)]
     pub(super) fn gradient<K: VoxelKind>(&self, l: L, place: &Place<L>, at: Vec3<L>) -> Vec3<L> {
         let half = l.f(0.5);
-        axes!(n => {
+        let mut gradient = at;
+        // A loop, so that there is less code to compile.
+        for n in 0..3 {
             let (mut after, mut before) = (at, at);
             after[n] = at[n] + half;
             before[n] = at[n] - half;
-            self.value::<K>(l, place, after) - self.value::<K>(l, place, before)
-        })
+            gradient[n] = self.value::<K>(l, place, after) - self.value::<K>(l, place, before);
+        }
+        gradient
     }
 }
 
