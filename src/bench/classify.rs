@@ -173,7 +173,7 @@ impl ClassifyJob {
         pictures: [&PictureSettings; 2],
     ) -> Result<Times, BenchError> {
         let budget = TickBudget::default();
-        for picture in pictures.into_iter().chain(pictures) {
+        for picture in pictures {
             converge(engine, picture, &self.vol, &budget)?;
         }
         let mut times = Times::default();
