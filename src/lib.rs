@@ -9,6 +9,7 @@
 //! Data goes one way; the only way back is the list of requests. Modules import downward only: ARCHITECTURE.md has the
 //! table, `tests/architecture.rs` enforces it. [`engine`] is the façade that commands and bindings stand on.
 
+pub mod bench;
 pub mod bricking;
 pub mod camera;
 pub mod classify;

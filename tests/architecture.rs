@@ -78,9 +78,18 @@ const MODULES: &[Module] = &[
     module(7, "viewer", &["engine", "camera", "classify", "gpu"]),
     module(7, "server", &["engine", "camera", "classify"]),
     module(
+        7,
+        "bench",
+        &[
+            "engine", "bricking", "input", "store", "scene", "camera", "classify", "geom",
+            "volume", "outfile",
+        ],
+    ),
+    module(
         8,
         "cli",
         &[
+            "bench",
             "geom",
             "outfile",
             "volume",

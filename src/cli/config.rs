@@ -17,7 +17,7 @@ use crate::scene::{
 use crate::store::StoreMeta;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ModeArg {
+pub(super) enum ModeArg {
     Dvr,
     Iso,
     Mip,
@@ -59,7 +59,7 @@ enum TfModeArg {
 }
 
 /// The flags of a picture, as typed.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub(super) struct PictureArgs {
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = args::picture_size, help_heading = "Picture")]
@@ -174,6 +174,53 @@ impl PictureArgs {
     /// The colour behind the volume.
     pub(super) fn background(&self) -> Background {
         self.background
+    }
+
+    /// A flag that was given and that chooses a camera.
+    pub(super) fn camera_flag(&self) -> Option<&'static str> {
+        [
+            ("--eye", self.eye.is_some()),
+            ("--fov", self.fov.is_some()),
+            ("--orbit", self.orbit.is_some()),
+            ("--camera", self.camera.is_some()),
+            ("--projection", self.projection.is_some()),
+            ("--near", self.near.is_some()),
+        ]
+        .into_iter()
+        .find_map(|(flag, is_given)| is_given.then_some(flag))
+    }
+
+    /// The pictures of all these modes, sizes and steps; an empty list is the one that was typed.
+    pub(super) fn variants(
+        &self,
+        modes: &[ModeArg],
+        sizes: &[[u32; 2]],
+        steps: &[f64],
+    ) -> Vec<Self> {
+        fn or<T: Copy>(list: &[T], typed: T) -> Vec<T> {
+            if list.is_empty() {
+                vec![typed]
+            } else {
+                list.to_vec()
+            }
+        }
+        let (modes, sizes, steps) = (
+            or(modes, self.mode),
+            or(sizes, self.size),
+            or(steps, self.step),
+        );
+        let mut variants = Vec::new();
+        for &mode in &modes {
+            for &size in &sizes {
+                variants.extend(steps.iter().map(|&step| Self {
+                    mode,
+                    size,
+                    step,
+                    ..self.clone()
+                }));
+            }
+        }
+        variants
     }
 
     /// Device and budgets.

@@ -37,10 +37,12 @@ enum Command {
     Presets(cmd::presets::Args),
     Render(Box<cmd::render::Args>),
     Demo(cmd::demo::Args),
+    Bench(cmd::bench::Args),
 }
 
 /// Parses `argv` (with the program's name), runs the command, reports errors, and returns the exit code.
 pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
+    crate::bench::mark_main();
     tracing_subscriber::fmt()
         .with_env_filter(
             tracing_subscriber::EnvFilter::try_from_env("BRICKSCOPE_LOG").unwrap_or_else(|_| {
@@ -70,6 +72,7 @@ pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
         Command::Presets(args) => cmd::presets::run(args),
         Command::Render(args) => cmd::render::run(&args),
         Command::Demo(args) => cmd::demo::run(&args),
+        Command::Bench(args) => cmd::bench::run(args),
     };
     match result.and_then(|code| io::stdout().flush().map(|()| code).map_err(Into::into)) {
         Ok(code) => code,

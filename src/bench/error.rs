@@ -1,0 +1,47 @@
+//! Why there is no figure.
+
+use std::io;
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::engine::EngineError;
+use crate::outfile::OutFileError;
+use crate::scene::SceneError;
+use crate::store::StoreError;
+
+/// Why a measurement can't be made, written or compared.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the messages say it")]
+pub enum BenchError {
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error(transparent)]
+    OutFile(#[from] OutFileError),
+    #[error("{vol}: {bricks} bricks can't be read; 'brickscope verify' tells which")]
+    FailedBricks { vol: String, bricks: u64 },
+    #[error("{}: cannot {doing}: {error}", path.display())]
+    Io {
+        path: PathBuf,
+        doing: &'static str,
+        error: io::Error,
+    },
+}
+
+impl BenchError {
+    /// A [`BenchError::Io`] maker for `map_err`.
+    pub(super) fn io(
+        path: &std::path::Path,
+        doing: &'static str,
+    ) -> impl FnOnce(io::Error) -> Self {
+        move |error| Self::Io {
+            path: path.to_owned(),
+            doing,
+            error,
+        }
+    }
+}
