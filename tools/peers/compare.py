@@ -81,9 +81,18 @@ def machine():
     return f"{len(os.sched_getaffinity(0))} cores, {model}"
 
 
+def versions(entry):
+    """What drew: the program and, on a graphics adapter, its name."""
+    median = entry["median"]
+    yield f"Brickscope {median['version']}" if entry["is_ours"] else median["version"]
+    adapter = median.get("adapter") or median.get("renderer")
+    if adapter:
+        yield adapter
+
+
 def measure_row(row, programs, args, results, failures):
     """All rounds of a row: in each, every program once."""
-    entries = {p.id: dict(label=p.label, is_ours=p.is_ours, runs=[], median=None, error=None) for p in programs}
+    entries = {p.id: dict(label=p.label, is_ours=p.is_ours, is_turn=p.is_turn, runs=[], median=None, error=None) for p in programs}
     results[row.id] = entries
     for turn in range(args.rounds):
         # Who comes first changes, so that nobody always follows the same neighbour.
@@ -141,7 +150,7 @@ def parse():
                         help=f"rows whose name contains one of these; rows: {', '.join(row.id for row in ROWS)}")
     parser.add_argument("--programs", type=lambda text: text.split(","), default=[], metavar="A,B",
                         help="of vtk-fixed, vtk-gpu, vtk-gpu-opaque, ospray, cpu, llvmpipe, gpu, and the last three with -basic, "
-                             "-first [default: all]")
+                             "-level0, -first [default: all]")
     parser.add_argument("--frames", type=int, default=36, metavar="N", help="of a whole turn [default: %(default)s]")
     parser.add_argument("--rounds", type=int, default=3, metavar="N", help="medians are over these [default: %(default)s]")
     parser.add_argument("--partitions", type=int, default=0, metavar="P",
@@ -183,8 +192,7 @@ def main():
     load.append(os.getloadavg()[0])
 
     entries = [entry for programs in results.values() for entry in programs.values() if entry["median"]]
-    names = dict.fromkeys(name for entry in entries for key in ("version", "renderer", "device")
-                          if (name := entry["median"].get(key)))
+    names = dict.fromkeys(name for entry in entries for name in versions(entry))
     labels = {(row, id): entry["label"] for row, programs in results.items() for id, entry in programs.items()}
     ids = [device.id for device in ours]
     made = dict(

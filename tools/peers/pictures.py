@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Puts pictures side by side and says how they differ.
 
-Above: all pictures. Below: 4 × what each differs from the first of ours. Prints, for each of ours and each peer, over the
-pixels where either is not black: mean |difference| × 255, the greatest one, the share of pixels off by more than 8/255.
+Above: all pictures. Below: 4 × what each differs from the first of ours. Prints, over the pixels where either is not black:
+mean |difference| × 255, the greatest one, the share of pixels off by more than 8/255; for each of ours and the first of ours,
+and for each peer and the first of ours, and those of ours that are not like the first.
 """
 import argparse
 import json
@@ -13,6 +14,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 CAPTION = 24
 AMPLIFIED = 4
+# Mean |difference| × 255 up to which two of ours are one picture.
+ALIKE = 0.5
 
 
 def labelled(text):
@@ -34,7 +37,7 @@ def captioned(text, picture):
     height, width, _ = picture.shape
     out = Image.new("RGB", (width, height + CAPTION))
     out.paste(Image.fromarray(picture.astype(np.uint8)), (0, CAPTION))
-    ImageDraw.Draw(out).text((4, 4), text, fill=(200, 200, 200), font=ImageFont.load_default(14))
+    ImageDraw.Draw(out).text((4, 4), text, fill=(200, 200, 200), font=ImageFont.load_default(16))
     return np.asarray(out)
 
 
@@ -47,13 +50,19 @@ def main():
     first_label, first = args.ours[0]
     pictures = [*args.ours, *args.peers]
     above = [captioned(label, picture) for label, picture in pictures]
-    below = [captioned(first_label if picture is first else f"{AMPLIFIED} × difference from {first_label}",
+    below = [captioned(first_label if picture is first else f"{AMPLIFIED} x difference from {first_label}",
                        picture if picture is first else np.minimum(np.abs(picture - first) * AMPLIFIED, 255))
              for _, picture in pictures]
     montage = np.concatenate([np.concatenate(row, axis=1) for row in (above, below)])
     Image.fromarray(montage).save(args.out, optimize=True)
-    pairs = [(ours, other) for i, ours in enumerate(args.ours) for other in (*args.ours[i + 1:], *args.peers)]
-    print(json.dumps([dict(ours=a, other=b, **difference(left, right)) for (a, left), (b, right) in pairs]))
+    found = []
+    for label, picture in args.ours:
+        among_ours = difference(picture, first)
+        if picture is not first:
+            found.append(dict(ours=label, other=first_label, **among_ours))
+        if picture is first or among_ours["mean"] > ALIKE:
+            found += [dict(ours=label, other=other, **difference(picture, theirs)) for other, theirs in args.peers]
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":

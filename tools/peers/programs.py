@@ -15,17 +15,32 @@ OPACITY_CUTOFF = 0.9961
 
 @dataclass(frozen=True)
 class Row:
-    """A volume in a mode. `memory`: bound of our GPU and our host memory."""
+    """A volume in a mode. `memory`: bound of our GPU and our host memory; `variants`: ours once more, in other ways."""
     volume: str
     mode: str
     memory: str | None = None
-    techniques: tuple = ("default",)
-    # Also the first picture that is whole, every sample of a level whose voxel is at most 4 pixels.
-    with_first: bool = False
+    variants: tuple = ()
 
     @property
     def id(self):
         return f"{self.volume}-{self.mode}"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Our program with more options. `bench`: those that only `bench render` knows; it makes no picture of its own then."""
+    id: str
+    label: str
+    options: tuple = ()
+    bench: tuple = ()
+
+
+# No mesh, no skipping.
+BASIC = Variant("basic", "technique basic", ("--technique", "basic"))
+# A pixel is 2.8 voxels wide: by itself ours draws level 1 in steps of its voxels. This is what the peers do.
+LEVEL_0 = Variant("level0", "level 0", ("--lod", 0))
+# Until every sample is of a level whose voxel is at most 4 pixels.
+FIRST = Variant("first", "first whole picture", bench=("--whole",))
 
 
 ROWS = (
@@ -37,8 +52,8 @@ ROWS = (
     Row("ct512", "ramp"),
     Row("ct512", "bone"),
     Row("ct512", "mip"),
-    Row("ct1024", "bone", memory="256MiB", with_first=True),
-    Row("marschner-lobb", "ramp", techniques=("default", "basic")),
+    Row("ct1024", "bone", memory="256MiB", variants=(LEVEL_0, FIRST)),
+    Row("marschner-lobb", "ramp", variants=(BASIC,)),
 )
 
 
@@ -52,6 +67,8 @@ class Program:
     picture: list | None = None
     environment: dict = field(default_factory=dict)
     is_ours: bool = False
+    # What it times are the frames of a turn.
+    is_turn: bool = True
 
 
 @dataclass(frozen=True)
@@ -137,14 +154,14 @@ class Builder:
         camera = ["--eye", triple, "--target", ",".join([str(volume.centre)] * 3), "--up", "0,1,0", "--fov", scene.FOV]
         bench = [self.args.brickscope, "bench", "render", store, "--json", *options]
         for device in self.devices:
-            on_device = ["--device", device.choice]
-            for technique in row.techniques:
-                suffix, more = ("", []) if technique == "default" else (f"-{technique}", ["--technique", technique])
-                png = self.args.out / "pictures" / f"{row.id}.{device.id}{suffix}.png"
+            for variant in (None, *row.variants):
+                id = "-".join(filter(None, [device.id, variant and variant.id]))
+                label = ", ".join(filter(None, ["ours", device.label, variant and variant.label]))
+                more = ["--device", device.choice, *(variant.options if variant else ())]
+                if variant and variant.bench:
+                    yield Program(id, label, [*bench, *more, *variant.bench, "--frames", 1], is_ours=True, is_turn=False)
+                    continue
+                png = self.args.out / "pictures" / f"{row.id}.{id}.png"
                 yield Program(
-                    f"{device.id}{suffix}", f"ours, {device.label}{suffix.replace('-', ', ')}",
-                    [*bench, *on_device, *more, "--frames", self.args.frames], png, is_ours=True,
-                    picture=[self.args.brickscope, "render", store, "-o", png, *options, *on_device, *more, *camera])
-            if row.with_first:
-                yield Program(f"{device.id}-first", f"ours, {device.label}, 4 pixels a voxel",
-                              [*bench, *on_device, "--frames", 1, "--lod-error", 4], is_ours=True)
+                    id, label, [*bench, *more, "--frames", self.args.frames], png, is_ours=True,
+                    picture=[self.args.brickscope, "render", store, "-o", png, *options, *more, *camera])

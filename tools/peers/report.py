@@ -19,28 +19,36 @@ def table(head, rows):
 def cell(entry):
     if entry["error"]:
         return "failed"
+    if not entry["is_turn"]:
+        return "–"
     if entry["median"].get("is_black"):
         return "black picture"
     return " / ".join(number(entry["median"].get(key)) for key in TIMES)
 
 
+def first(median):
+    """The first frame; of a run for the first whole picture, that."""
+    whole = median.get("first_whole_ms")
+    return number(median.get("first_ms")) if whole is None else f"{number(whole)} (whole)"
+
+
 def times(results):
-    """ms per frame of all programs; one line per row and program, ours last, with the ratios."""
+    """ms per frame of all programs: one table per row, ours last, with the ratios."""
     out = []
     for row, programs in results.items():
-        ours = [id for id, entry in programs.items() if entry["is_ours"] and not id.endswith("-first")]
+        ours = [id for id, entry in programs.items() if entry["is_ours"] and entry["is_turn"]]
         head = [row, "ms per frame: wall / cpu", "first frame ms", "peak RSS MiB", "Msamples taken, contributing",
                 *(f"cpu (wall) ÷ {programs[id]['label']}" for id in ours)]
         lines = []
         for id, entry in programs.items():
             median = entry["median"] or {}
             samples = [median.get(key) for key in ("samples", "samples_contributing")]
-            line = [entry["label"], cell(entry), number(median.get("first_ms")), number(median.get("rss_peak_mib")),
+            line = [entry["label"], cell(entry), first(median), number(median.get("rss_peak_mib")),
                     ", ".join(number(None if s is None else s / 1e6) for s in samples) if entry["is_ours"] else "–"]
             for device in ours:
                 cpu = targets.ratio(results, row, id, device)
                 wall = targets.ratio(results, row, id, device, "median_ms")
-                line.append("–" if cpu is None or id.endswith("-first") else f"{number(cpu)} ({number(wall)})")
+                line.append("–" if cpu is None or not entry["is_turn"] else f"{number(cpu)} ({number(wall)})")
             lines.append(line)
         out.append(table(head, lines))
     return "\n\n".join(out)

@@ -54,7 +54,7 @@ def palace(results, device):
 
 def first_share(results, device):
     """Our first whole picture, from the start of the process, ÷ VTK FixedPoint's first frame, its volume in memory."""
-    ours = figure(results, "ct1024-bone", f"{device}-first", "first_ms")
+    ours = figure(results, "ct1024-bone", f"{device}-first", "first_whole_ms")
     theirs = figure(results, "ct1024-bone", "vtk-fixed", "first_ms")
     return ours / theirs if ours and theirs else None
 
