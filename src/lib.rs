@@ -14,6 +14,7 @@ pub mod bricking;
 pub mod camera;
 pub mod classify;
 pub mod cli;
+pub mod clock;
 pub mod engine;
 pub mod export;
 pub mod geom;

@@ -26,6 +26,7 @@ const fn module(layer: u8, name: &'static str, may_import: &'static [&'static st
 const MODULES: &[Module] = &[
     module(0, "geom", &[]),
     module(0, "outfile", &[]),
+    module(0, "clock", &[]),
     module(1, "volume", &["geom"]),
     module(1, "camera", &["geom"]),
     module(1, "classify", &["geom"]),
@@ -73,6 +74,7 @@ const MODULES: &[Module] = &[
             "geom",
             "proxy",
             "scene",
+            "clock",
         ],
     ),
     module(7, "viewer", &["engine", "camera", "classify", "gpu"]),
@@ -82,7 +84,7 @@ const MODULES: &[Module] = &[
         "bench",
         &[
             "engine", "bricking", "input", "store", "scene", "camera", "classify", "geom",
-            "volume", "outfile",
+            "volume", "outfile", "clock",
         ],
     ),
     module(
@@ -90,6 +92,7 @@ const MODULES: &[Module] = &[
         "cli",
         &[
             "bench",
+            "clock",
             "geom",
             "outfile",
             "volume",

@@ -24,6 +24,23 @@ pub enum BenchError {
     OutFile(#[from] OutFileError),
     #[error("{vol}: {bricks} bricks can't be read; 'brickscope verify' tells which")]
     FailedBricks { vol: String, bricks: u64 },
+    #[error("{}: is no report that --out has written: {error}; measure again with --out", path.display())]
+    NotJson {
+        path: PathBuf,
+        error: serde_json::Error,
+    },
+    #[error(
+        "{}: {place}: expected {expected}, found {found}; give a report that the same sub-command has written with --out",
+        path.display()
+    )]
+    NotThisReport {
+        path: PathBuf,
+        place: &'static str,
+        expected: String,
+        found: String,
+    },
+    #[error("{}: cannot draw the plot: {reason}", path.display())]
+    Plot { path: PathBuf, reason: String },
     #[error("{}: cannot {doing}: {error}", path.display())]
     Io {
         path: PathBuf,

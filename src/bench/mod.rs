@@ -1,18 +1,31 @@
-//! What `brickscope bench` measures: clocks, the machine and its ceilings, one measurement per sub-command, and the
+//! What `brickscope bench` measures: the machine and its ceilings, one measurement per sub-command, and the
 //! reports, tables and plots made of them.
 //!
 //! It stands on the façade like any other user: what it times is what a user would wait for. It draws nothing and bricks
 //! nothing by itself, names no graphics device, and knows no argument of the command line. Figures are rounded when they
 //! are stored, never when they are computed.
 
-mod clock;
+mod ceiling;
+mod compare;
 mod error;
+mod machine;
+mod plot;
 mod process;
 mod render;
+mod report;
 mod summary;
+mod table;
 
-pub use clock::{CpuClock, Elapsed, Stopwatch, mark_main, since_process_start};
+pub use ceiling::{
+    CodecRate, DiskRate, RandomReads, StoreCeiling, codec_rate, disk_rate, memcpy_gb_per_s,
+    random_reads, sequential_read, vol_name,
+};
+pub use compare::{Comparison, Ratios};
 pub use error::BenchError;
+pub use machine::Machine;
+pub use plot::write_plot;
 pub use process::{peak_rss_bytes, storage_bytes_read};
 pub use render::{RenderJob, RenderRow, WarmUp, turn_distance_mm};
+pub use report::{NamedTime, Report, Row};
 pub use summary::{median, percentile};
+pub use table::{aligned, table};

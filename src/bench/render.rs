@@ -8,14 +8,20 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::clock::{Stopwatch, ms, since_process_start};
+use super::ceiling::StoreCeiling;
 use super::error::BenchError;
 use super::process::peak_rss_bytes;
+use super::report::{NamedTime, Row};
 use super::summary::{mean, median, mib, percentile, rounded};
+use super::table::{figure, millions};
 use crate::camera::Camera;
-use crate::engine::{Engine, TickBudget, TickEvent};
-use crate::scene::{PictureSettings, PictureStats, volume_bounds};
+use crate::clock::{Stopwatch, ms, since_process_start};
+use crate::engine::{BareRate, Engine, TickBudget, TickEvent};
+use crate::scene::{Mode, PictureSettings, PictureStats, ShadingModel, volume_bounds};
 use crate::store::StoreMeta;
+
+/// Frames of the turn on which the device's own ceiling is measured, at most.
+const BARE_FRAMES: u32 = 4;
 
 /// What is drawn before the clock starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,10 +97,79 @@ pub struct RenderRow {
     pub first_whole_ms: Option<f64>,
     /// Most resident memory of the process until then, MiB.
     pub rss_whole_mib: Option<f64>,
+    /// Samples per second of a bare kernel that interpolates as this configuration does and composites at the same
+    /// positions, without bricks, skipping and early end ([`Engine::measure_bare`]), in millions: by `bare_clock`, over up
+    /// to four frames of the turn. Mode dvr without light only.
+    pub bare_msamples_per_s: Option<f64>,
+    /// The same with the hardware's linear filter.
+    pub bare_filtered_msamples_per_s: Option<f64>,
+    /// Which time the rates count: `cpu` (of the process, on software adapters), `gpu` (timestamps) or `wall`.
+    pub bare_clock: Option<String>,
+    /// This configuration's samples per second, by the same clock, ÷ `bare_msamples_per_s`.
+    pub efficiency: Option<f64>,
+    /// The same ÷ `bare_filtered_msamples_per_s`.
+    pub efficiency_filtered: Option<f64>,
+    /// What bounds reading the store on this machine.
+    pub ceiling: Option<StoreCeiling>,
     /// The graphics adapter's name; null on the CPU.
     pub adapter: Option<String>,
     /// Of this program.
     pub version: String,
+}
+
+impl Row for RenderRow {
+    const BENCH: &'static str = "render";
+    const COLUMNS: &'static [&'static str] = &[
+        "configuration",
+        "median ms",
+        "min",
+        "p90",
+        "CPU ms",
+        "GPU ms",
+        "first ms",
+        "whole ms",
+        "peak MiB",
+        "Msamples",
+        "changing",
+        "skipped",
+        "ns/sample",
+        "÷ bare",
+    ];
+
+    fn name(&self) -> String {
+        let Self {
+            vol,
+            mode,
+            size,
+            step,
+            device,
+            ..
+        } = self;
+        format!("{vol} {mode} {size} step {step} {device}")
+    }
+
+    fn times(&self) -> Vec<NamedTime> {
+        vec![("cpu_ms", self.cpu_ms), ("median_ms", Some(self.median_ms))]
+    }
+
+    fn cells(&self) -> Vec<String> {
+        vec![
+            self.name(),
+            figure(Some(self.median_ms), 1),
+            figure(Some(self.min_ms), 1),
+            figure(Some(self.p90_ms), 1),
+            figure(self.cpu_ms, 1),
+            figure(self.gpu_ms, 1),
+            figure(self.first_ms, 0),
+            figure(self.first_whole_ms, 0),
+            figure(self.rss_peak_mib, 0),
+            millions(self.samples),
+            self.samples_contributing.map_or("–".into(), millions),
+            millions(self.samples_skipped),
+            figure(self.ns_per_sample, 1),
+            figure(self.efficiency, 2),
+        ]
+    }
 }
 
 impl RenderJob {
@@ -127,6 +202,56 @@ impl RenderJob {
         }
         let cpu_ms = turn.elapsed().cpu_ms.map(|ms| ms / f64::from(self.frames));
         Ok(self.row(&wall_ms, cpu_ms, first_ms, whole, &stats))
+    }
+
+    /// Measures the device's own ceiling and holds `row` against it. What was resident on `engine` is dropped.
+    ///
+    /// # Errors
+    /// The settings make no picture, a brick can't be read, or the device fails.
+    pub fn hold_against_bare(
+        &self,
+        engine: &mut Engine,
+        row: &mut RenderRow,
+    ) -> Result<(), BenchError> {
+        let settings = &self.settings;
+        if settings.mode != Mode::Dvr || settings.shading.model != ShadingModel::None {
+            return Ok(());
+        }
+        let stride = self.frames.div_ceil(BARE_FRAMES) as usize;
+        let cameras: Vec<Camera> = (0..self.frames)
+            .step_by(stride)
+            .map(|number| self.frame(engine, number).camera)
+            .collect();
+        let Some(rates) = engine.measure_bare(settings, &cameras)? else {
+            return Ok(());
+        };
+        let bare_ms: fn(&BareRate) -> Option<f64>;
+        let (clock, own_ms);
+        if rates.on_processor && row.cpu_ms.is_some() {
+            (clock, own_ms) = ("cpu", row.cpu_ms);
+            bare_ms = |rate| rate.cpu_ms;
+        } else if row.gpu_ms.is_some() {
+            (clock, own_ms) = ("gpu", row.gpu_ms);
+            bare_ms = |rate| rate.gpu_ms;
+        } else {
+            (clock, own_ms) = ("wall", Some(row.median_ms));
+            bare_ms = |rate| Some(rate.wall_ms);
+        }
+        // Samples per ms ÷ 1000 are millions of samples per second.
+        let rate = |samples: u64, ms: Option<f64>| -> Option<f64> {
+            ms.filter(|&ms| ms > 0.0 && samples > 0)
+                .map(|ms| samples as f64 / ms / 1e3)
+        };
+        let own = rate(row.samples, own_ms);
+        let of = |bare: &BareRate| rate(bare.samples, bare_ms(bare));
+        let efficiency = |bare: Option<f64>| own.zip(bare).map(|(own, bare)| rounded(own / bare));
+        let (exact, filtered) = (of(&rates.exact), rates.filtered.as_ref().and_then(of));
+        row.bare_clock = Some(clock.into());
+        row.bare_msamples_per_s = exact.map(rounded);
+        row.bare_filtered_msamples_per_s = filtered.map(rounded);
+        row.efficiency = efficiency(exact);
+        row.efficiency_filtered = efficiency(filtered);
+        Ok(())
     }
 
     /// The settings of frame `number` of the turn.
@@ -211,6 +336,12 @@ impl RenderJob {
             passes_ms: passes.as_deref().map(pass_medians),
             first_whole_ms: whole.map(|w| rounded(w.since_start_ms)),
             rss_whole_mib: whole.and_then(|w| w.peak_rss_bytes).map(mib),
+            bare_msamples_per_s: None,
+            bare_filtered_msamples_per_s: None,
+            bare_clock: None,
+            efficiency: None,
+            efficiency_filtered: None,
+            ceiling: None,
             adapter: last.and_then(|s| s.adapter.clone()),
             version: env!("CARGO_PKG_VERSION").into(),
         }

@@ -42,7 +42,7 @@ enum Command {
 
 /// Parses `argv` (with the program's name), runs the command, reports errors, and returns the exit code.
 pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
-    crate::bench::mark_main();
+    crate::clock::mark_main();
     tracing_subscriber::fmt()
         .with_env_filter(
             tracing_subscriber::EnvFilter::try_from_env("BRICKSCOPE_LOG").unwrap_or_else(|_| {

@@ -3,6 +3,7 @@
 //! Wiring only: it hands the pager's plans to the loader and to `render`, and the same settings to `reference` when the
 //! device is the CPU. No algorithm lives here, and nothing above it names `render`, `gpu` or `pager`.
 
+mod bare;
 #[cfg(feature = "gpu")]
 mod device;
 mod options;
@@ -13,6 +14,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+pub use bare::{BareRate, BareRates};
 pub use options::{
     DeviceChoice, EngineError, EngineOptions, ReadHook, ReadHookOption, SampleFilter,
 };

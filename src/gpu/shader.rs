@@ -64,6 +64,8 @@ const INTERVAL: Part = part!("lib/interval.wgsl");
 const WALK: Part = part!("lib/walk.wgsl");
 const FEEDBACK: Part = part!("lib/feedback.wgsl");
 const RAYCAST: Part = part!("pass/raycast.wgsl");
+const BARE_EXACT: Part = part!("lib/bare_exact.wgsl");
+const BARE: Part = part!("pass/bare.wgsl");
 
 /// The depth raster of the bounding mesh.
 pub const BOUNDS: ShaderSource = ShaderSource {
@@ -133,8 +135,66 @@ pub const RAYCAST_UINT: ShaderSource = ShaderSource {
     ],
 };
 
+/// The bare caster on a dense, filterable texture.
+pub const BARE_FILTERED: ShaderSource = ShaderSource {
+    name: "bare_filtered",
+    parts: &[
+        TYPES,
+        FRAME,
+        VOLUME,
+        part!("bind/atlas_filtered.wgsl"),
+        RAY,
+        BRICK,
+        CLASSIFY,
+        part!("lib/bare_filtered.wgsl"),
+        BARE,
+    ],
+};
+
+/// The bare caster with interpolation by hand, on float and normalised formats.
+pub const BARE_FLOAT: ShaderSource = ShaderSource {
+    name: "bare_float",
+    parts: &[
+        TYPES,
+        FRAME,
+        VOLUME,
+        part!("bind/atlas_float.wgsl"),
+        EXACT,
+        RAY,
+        BRICK,
+        CLASSIFY,
+        BARE_EXACT,
+        BARE,
+    ],
+};
+
+/// The bare caster with interpolation by hand, on `R16Uint`.
+pub const BARE_UINT: ShaderSource = ShaderSource {
+    name: "bare_uint",
+    parts: &[
+        TYPES,
+        FRAME,
+        VOLUME,
+        part!("bind/atlas_uint.wgsl"),
+        EXACT,
+        RAY,
+        BRICK,
+        CLASSIFY,
+        BARE_EXACT,
+        BARE,
+    ],
+};
+
 /// Every shader, for the tests.
-pub const ALL: &[ShaderSource] = &[BOUNDS, RAYCAST_FILTERED, RAYCAST_FLOAT, RAYCAST_UINT];
+pub const ALL: &[ShaderSource] = &[
+    BOUNDS,
+    RAYCAST_FILTERED,
+    RAYCAST_FLOAT,
+    RAYCAST_UINT,
+    BARE_FILTERED,
+    BARE_FLOAT,
+    BARE_UINT,
+];
 
 /// An assembled shader and where its lines come from.
 #[derive(Debug)]

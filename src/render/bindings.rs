@@ -106,10 +106,16 @@ pub const RAYCAST: Entries = &[
     compute(6, WRITE),
 ];
 
+/// Group 2 of the bare caster: `pass/bare.wgsl`.
+pub const BARE: Entries = &[compute(0, WRITE), compute(1, WRITE)];
+
 /// Every shader with its groups, in order.
 pub const SHADERS: &[(ShaderSource, &[Entries])] = &[
     (shader::BOUNDS, &[FRAME]),
     (shader::RAYCAST_FILTERED, &[FRAME, VOLUME_FILTERED, RAYCAST]),
     (shader::RAYCAST_FLOAT, &[FRAME, VOLUME_FLOAT, RAYCAST]),
     (shader::RAYCAST_UINT, &[FRAME, VOLUME_UINT, RAYCAST]),
+    (shader::BARE_FILTERED, &[FRAME, VOLUME_FILTERED, BARE]),
+    (shader::BARE_FLOAT, &[FRAME, VOLUME_FLOAT, BARE]),
+    (shader::BARE_UINT, &[FRAME, VOLUME_UINT, BARE]),
 ];

@@ -129,9 +129,12 @@ impl FrameBindings {
         volume: &Residency,
         params: &DispatchParams,
     ) {
-        let uniforms = uniforms(inputs, volume, params);
+        self.write_uniforms(gpu, &uniforms(inputs, volume, params));
+    }
+
+    pub(super) fn write_uniforms(&self, gpu: &GpuContext, uniforms: &FrameUniforms) {
         gpu.queue
-            .write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
+            .write_buffer(&self.uniforms, 0, bytemuck::bytes_of(uniforms));
     }
 }
 
@@ -140,6 +143,37 @@ fn uniforms(
     volume: &Residency,
     params: &DispatchParams,
 ) -> FrameUniforms {
+    let rays = inputs.rays;
+    let tile = params.tile;
+    let places = volume.feedback_places();
+    let mut of_rays = ray_uniforms(inputs);
+    for (level, uniforms) in rays.levels.iter().zip(&mut of_rays.levels) {
+        uniforms.bricks = volume
+            .level_bricks(level.lod)
+            .extend(volume.first_brick(level.lod))
+            .to_array();
+        uniforms.indirection_origin = volume.indirection_origin(level.lod).extend(0).to_array();
+    }
+    FrameUniforms {
+        clip_from_offset: clip_from_offset(rays, DepthRange::new(rays), tile)
+            .as_mat4()
+            .to_cols_array_2d(),
+        atlas_slots: volume.shape().slots().extend(0).to_array(),
+        texture_from_atlas: padded(1.0 / volume.shape().texels.as_vec3()),
+        tile_origin: tile.origin,
+        tile_size: tile.size,
+        part_size: tile.part_size,
+        value_scale: volume.value_scale(),
+        dispatch: params.dispatch,
+        stamps_at: places.stamps,
+        bits_at: places.bits,
+        orders_at: places.orders,
+        ..of_rays
+    }
+}
+
+/// What is known without volume and tile: sample grid, classification, light. The rest is 0.
+pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
     let FrameInputs {
         rays,
         classified,
@@ -147,7 +181,6 @@ fn uniforms(
         value_floor,
         ..
     } = *inputs;
-    let tile = params.tile;
     let depth = DepthRange::new(rays);
     let table = &classified.levels[0].lut;
     let [lut_lo, lut_scale] = table.index_lo_scale();
@@ -155,10 +188,9 @@ fn uniforms(
     let light = shading.light.map(|d| (-d).normalize_or_zero().as_vec3());
     let iso_color = settings.classification.iso.map_or(Vec3::ONE, |s| s.color);
     let mesh_level = rays.coarsest_used();
-    let places = volume.feedback_places();
     let mut levels = [LevelUniforms::default(); MAX_LEVELS as usize];
     for ((number, level), uniforms) in rays.levels.iter().enumerate().zip(&mut levels) {
-        *uniforms = level_uniforms(number, level, settings.mode, volume);
+        *uniforms = level_uniforms(number, level, settings.mode);
     }
     FrameUniforms {
         world_dir: rays.world_dir.map(padded),
@@ -170,16 +202,8 @@ fn uniforms(
             shading.shininess,
         ],
         iso_color: padded(iso_color),
-        clip_from_offset: clip_from_offset(rays, depth, tile)
-            .as_mat4()
-            .to_cols_array_2d(),
         mesh_anchor: mesh_level.anchor.extend(0).to_array(),
-        atlas_slots: volume.shape().slots().extend(0).to_array(),
-        texture_from_atlas: padded(1.0 / volume.shape().texels.as_vec3()),
         picture_size: rays.size,
-        tile_origin: tile.origin,
-        tile_size: tile.size,
-        part_size: tile.part_size,
         last_index: rays.last_index,
         first_mm: rays.first_mm,
         near_mm: rays.near_mm,
@@ -191,29 +215,18 @@ fn uniforms(
         lut_lo,
         lut_scale,
         lut_last: (table.entries().len() - 1) as f32,
-        value_scale: volume.value_scale(),
         value_floor,
         empty_below: classified.unseen[0],
         empty_above: classified.unseen[1],
         used_levels: rays.used_levels as u32,
-        dispatch: params.dispatch,
         finest_lod: u32::from(rays.levels[0].lod.0),
-        stamps_at: places.stamps,
-        bits_at: places.bits,
-        orders_at: places.orders,
-        pad1: 0,
-        pad2: 0,
-        pad3: 0,
         levels,
+        ..FrameUniforms::default()
     }
 }
 
-fn level_uniforms(
-    number: usize,
-    level: &LevelFrame,
-    mode: Mode,
-    volume: &Residency,
-) -> LevelUniforms {
+/// A level, but for its bricks.
+fn level_uniforms(number: usize, level: &LevelFrame, mode: Mode) -> LevelUniforms {
     // A segment that ends at a switch is sampled at both ends by the finer level; only surfaces are found by segment.
     let last = match mode {
         Mode::Iso => level.end as i32,
@@ -229,19 +242,15 @@ fn level_uniforms(
             .to_cols_array_2d()
             .map(|c| padded(Vec3::from_array(c))),
         anchor: level.anchor.extend(0).to_array(),
-        bricks: volume
-            .level_bricks(level.lod)
-            .extend(volume.first_brick(level.lod))
-            .to_array(),
-        indirection_origin: volume.indirection_origin(level.lod).extend(0).to_array(),
         begin: level.begin as i32,
         last,
         lut_offset: (number * LUT_ENTRIES) as u32,
         step_mm: level.step_mm,
+        ..LevelUniforms::default()
     }
 }
 
-fn padded(v: Vec3) -> [f32; 4] {
+pub(super) fn padded(v: Vec3) -> [f32; 4] {
     v.extend(0.0).to_array()
 }
 

@@ -13,5 +13,6 @@ mod residency;
 
 pub use feedback::{Feedback, MissedBrick, PendingFeedback};
 pub use frame::{FrameInputs, Tile};
+pub use passes::{BareCaster, DenseLevel};
 pub use renderer::{Cast, Renderer, TILE_EDGE};
 pub use residency::{Activity, AtlasPlan, Residency, SampleFilter};

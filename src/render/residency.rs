@@ -36,15 +36,15 @@ pub(super) enum AtlasKind {
 
 /// Format, shader and scale for a voxel type on a device.
 #[derive(Clone, Copy, Debug)]
-struct AtlasFormat {
-    format: wgpu::TextureFormat,
-    kind: AtlasKind,
+pub(super) struct AtlasFormat {
+    pub(super) format: wgpu::TextureFormat,
+    pub(super) kind: AtlasKind,
     /// Stored value of a texel of 1.
-    value_scale: f32,
+    pub(super) value_scale: f32,
 }
 
 impl AtlasFormat {
-    fn new(stored: StoredType, filter: SampleFilter, caps: &Caps) -> Self {
+    pub(super) fn new(stored: StoredType, filter: SampleFilter, caps: &Caps) -> Self {
         let (format, filterable, value_scale) = match stored {
             StoredType::U8 => (wgpu::TextureFormat::R8Unorm, true, 255.0),
             StoredType::U16 if caps.unorm16 => (wgpu::TextureFormat::R16Unorm, true, 65535.0),

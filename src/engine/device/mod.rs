@@ -1,5 +1,6 @@
 //! The GPU half of the engine: device, paged volume and renderer of one store, kept from picture to picture.
 
+mod bare;
 mod bounds;
 mod classification;
 mod exact;

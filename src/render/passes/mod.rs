@@ -1,7 +1,9 @@
-//! The passes of a frame, in the order in which they run: bounds, raycast.
+//! The passes of a frame, in the order in which they run: bounds, raycast. And one that draws no frame: bare.
 
+mod bare;
 mod bounds;
 mod raycast;
 
+pub use bare::{BareCaster, DenseLevel};
 pub(super) use bounds::{BoundsPass, BoundsTargets, MeshBuffers};
 pub(super) use raycast::{RaycastPass, RaycastTargets};

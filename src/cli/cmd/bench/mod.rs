@@ -1,5 +1,6 @@
 //! `bench`: repeatable figures. Arguments and calls; what is measured lives in `crate::bench`.
 
+mod output;
 mod render;
 
 use std::process::ExitCode;

@@ -1,13 +1,13 @@
 //! `bench render`: what a frame costs.
 
-use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::bail;
 
-use crate::bench::{RenderJob, RenderRow, WarmUp};
+use super::output::{OutputArgs, note};
+use crate::bench::{RenderJob, RenderRow, StoreCeiling, WarmUp, vol_name};
 use crate::cli::args;
 use crate::cli::config::{ModeArg, PictureArgs};
 use crate::engine::Engine;
@@ -17,7 +17,8 @@ use crate::store::Store;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  \
     brickscope bench render chest.bsk --modes dvr,iso,mip --iso 300 --size 512x512 --step 1\n  \
-    brickscope bench render chest.bsk --mode mip --frames 12 --json")]
+    brickscope bench render chest.bsk --mode mip --frames 12 --json\n  \
+    brickscope bench render chest.bsk engine.bsk --out new.json --compare old.json --svg new.svg")]
 pub struct Args {
     /// The brick stores
     #[arg(value_name = "STORE", required = true)]
@@ -25,9 +26,6 @@ pub struct Args {
     /// Frames of the full turn, all timed
     #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: u32,
-    /// One JSON line per configuration instead of a table
-    #[arg(long)]
-    json: bool,
     /// Several modes, separated by commas
     #[arg(
         long,
@@ -49,6 +47,11 @@ pub struct Args {
     /// Measure the first whole picture, from the start of the process, before anything else
     #[arg(long)]
     whole: bool,
+    /// Leave out what the machine could do at most: bare kernel, codec, disk, memory
+    #[arg(long)]
+    no_ceiling: bool,
+    #[command(flatten)]
+    output: OutputArgs,
     #[command(flatten)]
     picture: PictureArgs,
 }
@@ -72,40 +75,52 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
              leave the flag out, or use 'brickscope render' for one picture"
         );
     }
+    let old = args.output.open()?;
     let mut rows: Vec<RenderRow> = Vec::new();
+    let mut remarks = Vec::new();
     for path in &args.stores {
         let store = Arc::new(Store::open(path)?);
         store.check_all_levels()?;
-        let mut engine = Engine::with_store(store, args.picture.engine_options())?;
+        let mut engine = Engine::with_store(Arc::clone(&store), args.picture.engine_options())?;
         let mut notes: Vec<String> = engine
             .fallback()
             .map(|why| format!("drawing on the CPU: {why}"))
             .into_iter()
             .collect();
+        let mut measured = Vec::new();
         for picture in args.picture.variants(&args.modes, &args.sizes, &args.steps) {
+            let is_first = rows.is_empty() && measured.is_empty();
             let job = RenderJob {
-                vol: path
-                    .file_stem()
-                    .unwrap_or_default()
-                    .to_string_lossy()
-                    .into_owned(),
+                vol: vol_name(path),
                 settings: picture.settings(engine.meta(), &mut notes)?,
                 frames: args.frames,
                 warm_up: match args.warm_up {
                     WarmUpArg::Frame => WarmUp::Frame,
                     WarmUpArg::Turn => WarmUp::Turn,
                 },
-                is_first: rows.is_empty(),
-                whole: args.whole && rows.is_empty(),
+                is_first,
+                whole: args.whole && is_first,
             };
-            for note in notes.drain(..) {
-                // Standard error is gone: nobody to tell, but the figures are wanted all the same.
-                let _ = writeln!(io::stderr(), "brickscope: {note}");
+            for text in notes.drain(..) {
+                note(&text);
             }
             let row = job.measure(&mut engine)?;
-            writeln!(io::stdout(), "{}", serde_json::to_string(&row)?)?;
+            measured.push((job, row));
+        }
+        // After all pictures of the store: the ceilings take memory and drop what is resident.
+        let ceiling = (!args.no_ceiling)
+            .then(|| StoreCeiling::measure(&store))
+            .transpose()?;
+        remarks.extend(ceiling.map(|c| c.remark(&vol_name(path))));
+        for (job, mut row) in measured {
+            row.ceiling = ceiling;
+            if !args.no_ceiling {
+                job.hold_against_bare(&mut engine, &mut row)?;
+            }
             rows.push(row);
         }
     }
+    args.output
+        .finish(rows, old.as_ref(), &remarks, "bench render: ms per frame")?;
     Ok(ExitCode::SUCCESS)
 }

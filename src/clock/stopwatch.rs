@@ -1,4 +1,4 @@
-//! Clocks: wall time, CPU time of the whole process, and the time since the process started.
+//! Two clocks read together, and the start of the process.
 
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -93,8 +93,8 @@ impl Stopwatch {
     }
 }
 
-/// Milliseconds.
-pub(super) fn ms(duration: Duration) -> f64 {
+/// A duration in milliseconds.
+pub fn ms(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3
 }
 
