@@ -1,7 +1,7 @@
 //! What bricking costs, and its parts: the whole pass on all cores, and on one core the box filter between levels, the
 //! ranges of a brick's blocks, and a brick's record (ranges, byte shuffle, zstd, checksum).
 //!
-//! Data: `phantom:body` in memory, 512³ for the pass (bricks of one value, a third of it, cost next to nothing). The pass writes the
+//! Data: `phantom:body` in memory, 512³ for the pass (seven in ten of its bricks are of one value, which costs little). The pass writes the
 //! store to the folder of temporary files and syncs it, as `brick` does. Does not measure: reading an input, and what a
 //! volume larger than memory costs.
 //!

@@ -86,7 +86,10 @@ def markdown(report):
         "peers' volume is in memory then; ours is from the start of the process. What the columns mean and what differs by "
         "design: README.md.",
         "## Times", times(report["results"]),
-        "## Targets", target_table(report["targets"], devices),
+        "## Targets",
+        "By process-CPU ms; – where the rows were not in this run. Samples against a bare kernel, edits of the transfer function "
+        "and bricking: `brickscope bench`.",
+        target_table(report["targets"], devices),
     ]
     if report["pictures"]:
         parts += ["## Pictures", picture_table(report["pictures"])]

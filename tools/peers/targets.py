@@ -20,6 +20,9 @@ class AtLeast:
         return value >= self.factor
 
 
+# How peers are called where a row was not run.
+NAMES = {"vtk-fixed": "VTK FixedPoint", "vtk-gpu": "VTK GPU", "vtk-gpu-opaque": "VTK GPU (opaque)", "ospray": "OSPRay"}
+
 RATIOS = (
     AtLeast("ct256-ramp", "vtk-fixed", 1.3),
     AtLeast("ct256-bone", "vtk-fixed", 2),
@@ -71,7 +74,7 @@ def check(results, labels, devices):
         out.append(dict(what=what, wanted=wanted, by_device=by_device))
 
     for target in RATIOS:
-        peer = labels.get((target.row, target.peer), target.peer)
+        peer = labels.get((target.row, target.peer), NAMES[target.peer])
         add(f"{target.row}: {peer} ÷ ours", f"≥ {target.factor:g}", lambda d, t=target: t.judge(results, d), target.met)
     add("ct512-bone: Palace (old figure, scaled) ÷ ours", "≥ 6", lambda d: palace(results, d), lambda v: v >= 6)
     add("ct1024-bone: our first whole picture from process start ÷ VTK FixedPoint's first frame", "≤ 0.1",
