@@ -5,10 +5,13 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::bricking::BrickError;
+use crate::classify::CurveError;
 use crate::engine::EngineError;
 use crate::outfile::OutFileError;
 use crate::scene::SceneError;
 use crate::store::StoreError;
+use crate::volume::SourceError;
 
 /// Why a measurement can't be made, written or compared.
 #[derive(Debug, Error)]
@@ -19,11 +22,21 @@ pub enum BenchError {
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
+    Brick(#[from] BrickError),
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    #[error(transparent)]
     Scene(#[from] SceneError),
     #[error(transparent)]
     OutFile(#[from] OutFileError),
+    #[error(transparent)]
+    Curve(#[from] CurveError),
     #[error("{vol}: {bricks} bricks can't be read; 'brickscope verify' tells which")]
     FailedBricks { vol: String, bricks: u64 },
+    #[error(
+        "{device} has no memory of its own to page bricks into; give a graphics adapter with --device NAME"
+    )]
+    NoPaging { device: String },
     #[error("{}: is no report that --out has written: {error}; measure again with --out", path.display())]
     NotJson {
         path: PathBuf,

@@ -73,6 +73,7 @@ fn draw<R: Row>(rows: &[R], title: &str) -> Result<String, Box<dyn std::error::E
             .disable_y_mesh()
             .disable_y_axis()
             .y_labels(0)
+            .max_light_lines(0)
             .x_desc("ms")
             .draw()?;
         let share = f64::from(BAR) / f64::from(group);

@@ -1,7 +1,6 @@
 //! `bench render`: what a frame costs, over a full turn about the volume (cli.md).
 //!
-//! The turn: perspective 30°, the eye at [`turn_distance_mm`] from the centre, up +y, azimuth about +y in equal steps from
-//! +z on. A frame is one call of [`Engine::render`], from settings to a finished picture in host memory, each sample
+//! A frame of the turn ([`Turn`]) is one call of [`Engine::render`], from settings to a finished picture in host memory, each sample
 //! exact. What the turn reads of the store beyond the warm-up is part of it, and is counted.
 
 use std::collections::BTreeMap;
@@ -14,11 +13,11 @@ use super::process::peak_rss_bytes;
 use super::report::{NamedTime, Row};
 use super::summary::{mean, median, mib, percentile, rounded};
 use super::table::{figure, millions};
+use super::turn::{Turn, next_event};
 use crate::camera::Camera;
 use crate::clock::{Stopwatch, ms, since_process_start};
-use crate::engine::{BareRate, Engine, TickBudget, TickEvent};
-use crate::scene::{Mode, PictureSettings, PictureStats, ShadingModel, volume_bounds};
-use crate::store::StoreMeta;
+use crate::engine::{BareRate, Engine, TickBudget};
+use crate::scene::{Mode, PictureSettings, PictureStats, ShadingModel};
 
 /// Frames of the turn on which the device's own ceiling is measured, at most.
 const BARE_FRAMES: u32 = 4;
@@ -178,29 +177,30 @@ impl RenderJob {
     /// # Errors
     /// The settings make no picture, a brick can't be read, or the device fails or is too small.
     pub fn measure(&self, engine: &mut Engine) -> Result<RenderRow, BenchError> {
+        let turn = self.turn(engine);
         let whole = if self.whole {
-            Some(self.first_whole(engine)?)
+            Some(self.first_whole(engine, &turn)?)
         } else {
             None
         };
-        engine.render(&self.frame(engine, 0))?;
+        engine.render(&turn.frame(0))?;
         let first_ms = self.is_first.then(|| ms(since_process_start()));
         if self.warm_up == WarmUp::Turn {
             for frame in 1..self.frames {
-                engine.render(&self.frame(engine, frame))?;
+                engine.render(&turn.frame(frame))?;
             }
         }
         let mut wall_ms = Vec::with_capacity(self.frames as usize);
         let mut stats = Vec::with_capacity(self.frames as usize);
-        let turn = Stopwatch::start();
+        let all = Stopwatch::start();
         for frame in 0..self.frames {
-            let settings = self.frame(engine, frame);
+            let settings = turn.frame(frame);
             let watch = Stopwatch::start();
             let picture = engine.render(&settings)?;
             wall_ms.push(watch.elapsed().wall_ms);
             stats.push(picture.stats);
         }
-        let cpu_ms = turn.elapsed().cpu_ms.map(|ms| ms / f64::from(self.frames));
+        let cpu_ms = all.elapsed().cpu_ms.map(|ms| ms / f64::from(self.frames));
         Ok(self.row(&wall_ms, cpu_ms, first_ms, whole, &stats))
     }
 
@@ -218,9 +218,10 @@ impl RenderJob {
             return Ok(());
         }
         let stride = self.frames.div_ceil(BARE_FRAMES) as usize;
+        let turn = self.turn(engine);
         let cameras: Vec<Camera> = (0..self.frames)
             .step_by(stride)
-            .map(|number| self.frame(engine, number).camera)
+            .map(|number| turn.camera(number))
             .collect();
         let Some(rates) = engine.measure_bare(settings, &cameras)? else {
             return Ok(());
@@ -254,39 +255,20 @@ impl RenderJob {
         Ok(())
     }
 
-    /// The settings of frame `number` of the turn.
-    fn frame(&self, engine: &Engine, number: u32) -> PictureSettings {
-        let meta = engine.meta();
-        let center = volume_bounds(meta.dims, &meta.world_from_index).center;
-        let camera = Camera::turntable(number, self.frames, center, turn_distance_mm(meta));
-        PictureSettings {
-            camera,
-            ..self.settings.clone()
-        }
+    /// The pictures.
+    fn turn(&self, engine: &Engine) -> Turn {
+        Turn::new(&self.settings, engine.meta(), self.frames)
     }
 
     /// The first whole picture by ticks.
-    fn first_whole(&self, engine: &mut Engine) -> Result<Whole, BenchError> {
-        engine.set_picture(self.frame(engine, 0));
-        loop {
-            let report = engine.tick(&TickBudget::default())?;
-            match report.event {
-                None => {}
-                Some(TickEvent::Failed) => {
-                    return Err(BenchError::FailedBricks {
-                        vol: self.vol.clone(),
-                        bricks: report.failed_bricks,
-                    });
-                }
-                // What comes at once is exact at once.
-                Some(TickEvent::Whole | TickEvent::Refined | TickEvent::Converged) => {
-                    return Ok(Whole {
-                        since_start_ms: ms(since_process_start()),
-                        peak_rss_bytes: peak_rss_bytes(),
-                    });
-                }
-            }
-        }
+    fn first_whole(&self, engine: &mut Engine, turn: &Turn) -> Result<Whole, BenchError> {
+        engine.set_picture(turn.frame(0));
+        // What comes first is whole; what comes at once is exact at once.
+        next_event(engine, &self.vol, &TickBudget::default())?;
+        Ok(Whole {
+            since_start_ms: ms(since_process_start()),
+            peak_rss_bytes: peak_rss_bytes(),
+        })
     }
 
     fn row(
@@ -367,18 +349,4 @@ fn pass_medians(frames: &[&BTreeMap<String, f64>]) -> BTreeMap<String, f64> {
         .into_iter()
         .filter_map(|(name, ms)| Some((name.to_owned(), rounded(median(&ms)?))))
         .collect()
-}
-
-/// Distance of the eye from the centre, mm: 1.5 × n·√3 spacings for a cube of n voxels of one spacing, else 1.5 × the
-/// diagonal of the rendered box.
-pub fn turn_distance_mm(meta: &StoreMeta) -> f64 {
-    let (dims, spacing) = (meta.dims, meta.spacing());
-    let is_cube = dims.x == dims.y
-        && dims.y == dims.z
-        && (spacing.max_element() - spacing.min_element()) <= 1e-6 * spacing.max_element();
-    1.5 * if is_cube {
-        dims.x as f64 * 3f64.sqrt() * spacing.x
-    } else {
-        2.0 * volume_bounds(dims, &meta.world_from_index).radius
-    }
 }

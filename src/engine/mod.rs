@@ -105,6 +105,17 @@ impl Engine {
         }
     }
 
+    /// Milliseconds that bricks took from the first request to their slot: one for each that was requested and got one
+    /// since the last call. Predicted bricks are not among them, nor are those of a volume that was dropped meanwhile.
+    /// Empty on the CPU, and without [`EngineOptions::keep_waits`].
+    pub fn take_waits_ms(&mut self) -> Vec<f64> {
+        match &mut self.device {
+            Device::Cpu(_) => Vec::new(),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.take_waits_ms(),
+        }
+    }
+
     /// Draws one picture; returns when it is complete.
     ///
     /// # Errors

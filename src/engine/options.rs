@@ -65,6 +65,8 @@ pub struct EngineOptions {
     pub max_slots: Option<u64>,
     /// Edge of an atlas texture at most, texels, for tests; more than the adapter's is the adapter's.
     pub max_atlas_edge: u32,
+    /// Keep how long each brick waits for its slot, for measurements ([`super::Engine::take_waits_ms`])?
+    pub keep_waits: bool,
     /// Called before each brick is read, for tests: may wait, and may fail in the brick's place.
     pub read_hook: Option<ReadHookOption>,
 }
@@ -81,6 +83,7 @@ impl Default for EngineOptions {
             slot_order_seed: 0,
             max_slots: None,
             max_atlas_edge: u32::MAX,
+            keep_waits: false,
             read_hook: None,
         }
     }

@@ -134,10 +134,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let raw = raw_params(&args)?;
     let threads = args.threads.map(usize::from);
     if let Some(threads) = threads {
-        // Sources that compute their voxels do it in this pool. It can only have been built before in a test.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build_global();
+        limit_source_threads(threads);
     }
     let options = BrickOptions {
         levels: args.levels.0,
@@ -174,6 +171,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let report = result?;
     print(&report, &*source, &bar)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Sources that compute their voxels use at most this many threads.
+pub(super) fn limit_source_threads(threads: usize) {
+    // They do it in this pool. It can only have been built before in a test.
+    let _ = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global();
 }
 
 fn raw_params(args: &Args) -> anyhow::Result<Option<RawParams>> {

@@ -7,6 +7,7 @@ mod exact;
 mod live;
 mod paged;
 mod plan;
+mod waits;
 
 use std::sync::Arc;
 
@@ -107,6 +108,14 @@ impl GpuDevice {
         if let Some(live) = &mut self.live {
             live.restart();
         }
+    }
+
+    /// Milliseconds from the first request of a brick to its slot, of all that got one since the last call.
+    pub(super) fn take_waits_ms(&mut self) -> Vec<f64> {
+        self.volume
+            .as_mut()
+            .and_then(|volume| volume.waits.as_mut())
+            .map_or_else(Vec::new, waits::Waits::take)
     }
 
     /// Draws a picture, with less memory than allowed if the device has not so much.

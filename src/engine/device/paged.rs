@@ -19,6 +19,7 @@ use crate::store::{BrickData, Store, StoreError};
 
 use super::super::{EngineError, EngineOptions};
 use super::classification::{ClassifiedBricks, KnownRanges, SeenLevels};
+use super::waits::Waits;
 
 /// Decoded bricks on their way at once, per thread.
 const LOADS_PER_THREAD: usize = 4;
@@ -82,6 +83,8 @@ pub(super) struct PagedVolume {
     uploads: Vec<(Upload, Arc<BrickData>)>,
     failures: BTreeMap<BrickId, StoreError>,
     pub(super) traffic: Traffic,
+    /// Only where the options ask for it.
+    pub(super) waits: Option<Waits>,
 }
 
 impl PagedVolume {
@@ -152,6 +155,7 @@ impl PagedVolume {
             uploads: Vec::new(),
             failures: BTreeMap::new(),
             traffic: Traffic::default(),
+            waits: options.keep_waits.then(Waits::default),
         })
     }
 
@@ -293,6 +297,11 @@ impl PagedVolume {
     /// Declares what the next dispatch needs.
     pub(super) fn begin_frame(&mut self, frame: &FrameRequests<'_>) {
         self.pager.begin_frame(frame);
+        if let Some(waits) = &mut self.waits {
+            let asked = frame.requests.iter().map(|r| r.brick);
+            let all = asked.chain(frame.held.iter().copied());
+            waits.wanted(all.filter(|&brick| self.pager.slot(brick).is_none()));
+        }
         let unwanted: Vec<BrickId> = self.pager.unwanted_orders().collect();
         for brick in unwanted {
             if self.loader.cancel(brick) {
@@ -448,7 +457,11 @@ impl PagedVolume {
             .collect();
         self.traffic.bytes_uploaded += self.residency.upload(gpu, &mut self.staging, &voxels)?;
         self.traffic.bricks_uploaded += voxels.len() as u64;
-        self.uploads.clear();
+        for (upload, _) in self.uploads.drain(..) {
+            if let Some(waits) = &mut self.waits {
+                waits.resident(upload.brick);
+            }
+        }
         self.residency.write_activity(gpu);
         Ok(())
     }

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::path::PathBuf;
 
+use serde::Serialize;
 use serde_json::{Map, Value};
 
 use crate::bench::{Comparison, Machine, Ratios, Report, Row, aligned, table, write_plot};
@@ -58,11 +59,9 @@ impl OutputArgs {
         let mut out = io::stdout().lock();
         if self.json {
             for (row, ratios) in report.rows.iter().zip(&ratios) {
-                let mut line = serde_json::to_value(row)?;
-                if let (Some(line), true) = (line.as_object_mut(), old.is_some()) {
-                    line.insert("old_over_new".into(), as_object(ratios.as_ref()));
-                }
-                writeln!(out, "{line}")?;
+                let old_over_new = old.map(|_| as_object(ratios.as_ref()));
+                let line = Line { row, old_over_new };
+                writeln!(out, "{}", serde_json::to_string(&line)?)?;
             }
         } else {
             writeln!(out, "{}", table(&report.rows))?;
@@ -90,6 +89,16 @@ impl OutputArgs {
         }
         Ok(())
     }
+}
+
+/// A row as JSON, its keys in the row's order.
+#[derive(Serialize)]
+struct Line<'a, R> {
+    #[serde(flatten)]
+    row: &'a R,
+    /// Only with an older report to compare with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    old_over_new: Option<Value>,
 }
 
 /// Says something on standard error.

@@ -4,9 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use anyhow::bail;
-
 use super::output::{OutputArgs, note};
+use super::{note_fallback, refuse_camera};
 use crate::bench::{RenderJob, RenderRow, StoreCeiling, WarmUp, vol_name};
 use crate::cli::args;
 use crate::cli::config::{ModeArg, PictureArgs};
@@ -69,12 +68,7 @@ enum WarmUpArg {
 /// # Errors
 /// A store is refused, the flags make no picture, the device fails, or a report can't be read or written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    if let Some(flag) = args.picture.camera_flag() {
-        bail!(
-            "{flag}: bench render has a camera of its own, a full turn about the volume at perspective 30°; \
-             leave the flag out, or use 'brickscope render' for one picture"
-        );
-    }
+    refuse_camera(&args.picture, "render")?;
     let old = args.output.open()?;
     let mut rows: Vec<RenderRow> = Vec::new();
     let mut remarks = Vec::new();
@@ -82,11 +76,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         let store = Arc::new(Store::open(path)?);
         store.check_all_levels()?;
         let mut engine = Engine::with_store(Arc::clone(&store), args.picture.engine_options())?;
-        let mut notes: Vec<String> = engine
-            .fallback()
-            .map(|why| format!("drawing on the CPU: {why}"))
-            .into_iter()
-            .collect();
+        note_fallback(&engine);
+        let mut notes = Vec::new();
         let mut measured = Vec::new();
         for picture in args.picture.variants(&args.modes, &args.sizes, &args.steps) {
             let is_first = rows.is_empty() && measured.is_empty();
