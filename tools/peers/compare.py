@@ -45,12 +45,14 @@ def call(command, more_environment):
 
 
 def measured(program):
-    """The program's figures: the last line of its standard output."""
+    """The program's figures."""
     out = call(program.command, program.environment)
     try:
-        return json.loads(out.strip().splitlines()[-1])
+        lines = [json.loads(line) for line in out.splitlines()]
+        return [line for line in lines if all(line.get(key) == value for key, value in program.select)][-1]
     except (IndexError, json.JSONDecodeError) as error:
-        raise Failed(f"{shlex.join(map(str, program.command))}\nexpected a JSON line, found {out[-300:]!r}") from error
+        wanted = f"a JSON line with {dict(program.select)}" if program.select else "a JSON line"
+        raise Failed(f"{shlex.join(map(str, program.command))}\nexpected {wanted}, found {out[-300:]!r}") from error
 
 
 def medians(runs):
@@ -92,7 +94,7 @@ def versions(entry):
 
 def measure_row(row, programs, args, results, failures):
     """All rounds of a row: in each, every program once."""
-    entries = {p.id: dict(label=p.label, is_ours=p.is_ours, is_turn=p.is_turn, runs=[], median=None, error=None) for p in programs}
+    entries = {p.id: dict(label=p.label, is_ours=p.is_ours, measures=p.measures, runs=[], median=None, error=None) for p in programs}
     results[row.id] = entries
     for turn in range(args.rounds):
         # Who comes first changes, so that nobody always follows the same neighbour.
@@ -149,8 +151,8 @@ def parse():
     parser.add_argument("--only", type=lambda text: text.split(","), default=[""], metavar="A,B",
                         help=f"rows whose name contains one of these; rows: {', '.join(row.id for row in ROWS)}")
     parser.add_argument("--programs", type=lambda text: text.split(","), default=[], metavar="A,B",
-                        help="of vtk-fixed, vtk-gpu, vtk-gpu-opaque, ospray, cpu, llvmpipe, gpu, and the last three with -basic, "
-                             "-level0, -first [default: all]")
+                        help="of vtk-fixed, vtk-gpu, vtk-gpu-opaque, ospray, brick, cpu, llvmpipe, gpu, and the last three with "
+                             "-basic, -level0, -first, -edit, -ceiling [default: all]")
     parser.add_argument("--frames", type=int, default=36, metavar="N", help="of a whole turn [default: %(default)s]")
     parser.add_argument("--rounds", type=int, default=3, metavar="N", help="medians are over these [default: %(default)s]")
     parser.add_argument("--partitions", type=int, default=0, metavar="P",

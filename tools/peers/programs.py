@@ -20,6 +20,8 @@ class Row:
     mode: str
     memory: str | None = None
     variants: tuple = ()
+    # Also how fast the store is made.
+    bricking: bool = False
 
     @property
     def id(self):
@@ -28,11 +30,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Variant:
-    """Our program with more options. `bench`: those that only `bench render` knows; it makes no picture of its own then."""
+    """Our program in another way, or another of its benches. `measures`: see [`Program`]."""
     id: str
     label: str
     options: tuple = ()
-    bench: tuple = ()
+    bench: tuple = ("render",)
+    # Only that bench knows these.
+    bench_options: tuple = ("--no-ceiling",)
+    measures: str = "turn"
+    select: tuple = ()
 
 
 # No mesh, no skipping.
@@ -40,26 +46,31 @@ BASIC = Variant("basic", "technique basic", ("--technique", "basic"))
 # A pixel is 2.8 voxels wide: by itself ours draws level 1 in steps of its voxels. This is what the peers do.
 LEVEL_0 = Variant("level0", "level 0", ("--lod", 0))
 # Until every sample is of a level whose voxel is at most 4 pixels.
-FIRST = Variant("first", "first whole picture", bench=("--whole",))
+FIRST = Variant("first", "first whole picture", bench_options=("--no-ceiling", "--whole", "--frames", 1), measures="first")
+# Beside a kernel that does the same at the same positions, without bricks and without skipping.
+CEILING = Variant("ceiling", "beside the bare kernel", bench_options=("--frames", 12), measures="ceiling")
+EDIT = Variant("edit", "edit of the transfer function", bench=("classify",), bench_options=(), measures="edit",
+               select=(("mode", "dvr"), ("what", "edit")))
 
 
 ROWS = (
     Row("ct256", "ramp"),
-    Row("ct256", "bone"),
+    Row("ct256", "bone", variants=(CEILING,)),
     Row("ct256", "bone-shaded"),
     Row("ct256", "mip"),
     Row("ct256", "iso"),
     Row("ct512", "ramp"),
     Row("ct512", "bone"),
     Row("ct512", "mip"),
-    Row("ct1024", "bone", memory="256MiB", variants=(LEVEL_0, FIRST)),
+    Row("ct1024", "bone", memory="256MiB", variants=(LEVEL_0, FIRST, EDIT), bricking=True),
     Row("marschner-lobb", "ramp", variants=(BASIC,)),
 )
 
 
 @dataclass(frozen=True)
 class Program:
-    """One column of one row: prints one JSON line. `picture`: the command that writes its picture, where that is another."""
+    """One line of a row's table: prints JSON lines, of which the last one with the items of `select` counts. `picture`: the
+    command that writes its picture, where that is another. `measures`: "turn", the frames of one, or something else of ours."""
     id: str
     label: str
     command: list
@@ -67,8 +78,8 @@ class Program:
     picture: list | None = None
     environment: dict = field(default_factory=dict)
     is_ours: bool = False
-    # What it times are the frames of a turn.
-    is_turn: bool = True
+    measures: str = "turn"
+    select: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -152,16 +163,19 @@ class Builder:
         options = self.options(row, volume)
         triple = ",".join(f"{p:.6f}" for p in volume.eye(scene.azimuth(scene.PICTURE_FRAME)))
         camera = ["--eye", triple, "--target", ",".join([str(volume.centre)] * 3), "--up", "0,1,0", "--fov", scene.FOV]
-        bench = [self.args.brickscope, "bench", "render", store, "--json", *options]
         for device in self.devices:
-            for variant in (None, *row.variants):
-                id = "-".join(filter(None, [device.id, variant and variant.id]))
-                label = ", ".join(filter(None, ["ours", device.label, variant and variant.label]))
-                more = ["--device", device.choice, *(variant.options if variant else ())]
-                if variant and variant.bench:
-                    yield Program(id, label, [*bench, *more, *variant.bench, "--frames", 1], is_ours=True, is_turn=False)
+            for variant in (Variant("", ""), *row.variants):
+                id = "-".join(filter(None, [device.id, variant.id]))
+                label = ", ".join(filter(None, ["ours", device.label, variant.label]))
+                more = [*options, "--device", device.choice, *variant.options]
+                bench = [self.args.brickscope, "bench", *variant.bench, store, "--json", *more, *variant.bench_options]
+                if variant.measures != "turn":
+                    yield Program(id, label, bench, is_ours=True, measures=variant.measures, select=variant.select)
                     continue
                 png = self.args.out / "pictures" / f"{row.id}.{id}.png"
-                yield Program(
-                    id, label, [*bench, *more, "--frames", self.args.frames], png, is_ours=True,
-                    picture=[self.args.brickscope, "render", store, "-o", png, *options, *more, *camera])
+                yield Program(id, label, [*bench, "--frames", self.args.frames], png, is_ours=True,
+                              picture=[self.args.brickscope, "render", store, "-o", png, *more, *camera])
+        if row.bricking:
+            yield Program("brick", "ours, bricking",
+                          [self.args.brickscope, "bench", "brick", volume.header, "--json", "--dir", store.parent],
+                          is_ours=True, measures="bricking")

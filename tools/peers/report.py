@@ -19,7 +19,7 @@ def table(head, rows):
 def cell(entry):
     if entry["error"]:
         return "failed"
-    if not entry["is_turn"]:
+    if entry["measures"] != "turn":
         return "–"
     if entry["median"].get("is_black"):
         return "black picture"
@@ -36,11 +36,14 @@ def times(results):
     """ms per frame of all programs: one table per row, ours last, with the ratios."""
     out = []
     for row, programs in results.items():
-        ours = [id for id, entry in programs.items() if entry["is_ours"] and entry["is_turn"]]
+        ours = [id for id, entry in programs.items() if entry["is_ours"] and entry["measures"] == "turn"]
         head = [row, "ms per frame: wall / cpu", "first frame ms", "peak RSS MiB", "Msamples taken, contributing",
                 *(f"cpu (wall) ÷ {programs[id]['label']}" for id in ours)]
         lines = []
         for id, entry in programs.items():
+            # What else is measured has its place among the targets.
+            if entry["measures"] not in ("turn", "first"):
+                continue
             median = entry["median"] or {}
             samples = [median.get(key) for key in ("samples", "samples_contributing")]
             line = [entry["label"], cell(entry), first(median), number(median.get("rss_peak_mib")),
@@ -48,7 +51,7 @@ def times(results):
             for device in ours:
                 cpu = targets.ratio(results, row, id, device)
                 wall = targets.ratio(results, row, id, device, "median_ms")
-                line.append("–" if cpu is None or not entry["is_turn"] else f"{number(cpu)} ({number(wall)})")
+                line.append("–" if cpu is None or entry["measures"] != "turn" else f"{number(cpu)} ({number(wall)})")
             lines.append(line)
         out.append(table(head, lines))
     return "\n\n".join(out)
@@ -87,8 +90,7 @@ def markdown(report):
         "design: README.md.",
         "## Times", times(report["results"]),
         "## Targets",
-        "By process-CPU ms; – where the rows were not in this run. Samples against a bare kernel, edits of the transfer function "
-        "and bricking: `brickscope bench`.",
+        "Ratios are of process-CPU ms; – where a row was not in this run.",
         target_table(report["targets"], devices),
     ]
     if report["pictures"]:

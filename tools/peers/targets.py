@@ -81,4 +81,10 @@ def check(results, labels, devices):
         lambda d: first_share(results, d), lambda v: v <= 0.1)
     add("ct1024-bone: our peak RSS, MiB", "≤ 700", lambda d: figure(results, "ct1024-bone", d, "rss_peak_mib"),
         lambda v: v <= 700)
+    add("ct256-bone: samples ÷ (time × rate of the bare kernel)", "≥ 0.5",
+        lambda d: figure(results, "ct256-bone", f"{d}-ceiling", "efficiency"), lambda v: v >= 0.5)
+    add("ct1024-bone: edit of the transfer function to the next whole picture, less the render itself, ms", "≤ 150",
+        lambda d: figure(results, "ct1024-bone", f"{d}-edit", "over_render_ms"), lambda v: v <= 150)
+    add("ct1024: bricking ÷ the machine's ceiling (disk, zstd -1 × cores)", "≥ 0.6",
+        lambda d: figure(results, "ct1024-bone", "brick", "of_ceiling"), lambda v: v >= 0.6)
     return out
