@@ -21,10 +21,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 mod gpu {
     use std::error::Error;
     use std::path::PathBuf;
-    use std::time::Instant;
 
     use brickscope::camera::Camera;
     use brickscope::classify::grey_ramp;
+    use brickscope::clock::Stopwatch;
     use brickscope::engine::{DeviceChoice, Engine, EngineOptions, SampleFilter};
     use brickscope::scene::{
         Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
@@ -71,20 +71,6 @@ mod gpu {
             );
         }
         Ok(out)
-    }
-
-    /// User and system time of this process, milliseconds, by the Linux scheduler's clock.
-    fn cpu_ms() -> f64 {
-        let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-        // Fields 14 and 15, counted behind the parenthesised name; in ticks of 10 ms.
-        let after_name = stat.rsplit(')').next().unwrap_or_default();
-        after_name
-            .split_whitespace()
-            .skip(11)
-            .take(2)
-            .filter_map(|f| f.parse::<f64>().ok())
-            .sum::<f64>()
-            * 10.0
     }
 
     #[derive(Default)]
@@ -181,10 +167,11 @@ mod gpu {
                     let (technique, cost) = (techniques[which], &mut costs[which]);
                     let settings =
                         settings(technique, 360.0 * f64::from(frame) / f64::from(args.frames))?;
-                    let (cpu, wall) = (cpu_ms(), Instant::now());
+                    let watch = Stopwatch::start();
                     let picture = engine.render(&settings)?;
-                    cost.cpu_ms += cpu_ms() - cpu;
-                    cost.wall_ms += wall.elapsed().as_secs_f64() * 1e3;
+                    let elapsed = watch.elapsed();
+                    cost.cpu_ms += elapsed.cpu_ms.ok_or("no clock of CPU time")?;
+                    cost.wall_ms += elapsed.wall_ms;
                     for (pass, ms) in picture.stats.passes_ms.iter().flatten() {
                         *(if pass == "raycast" {
                             &mut cost.raycast_ms

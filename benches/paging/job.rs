@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use brickscope::bench::{drop_from_page_cache, storage_bytes_read};
 use brickscope::engine::{
     DeviceChoice, Engine, EngineError, EngineOptions, Picture, TickBudget, TickEvent,
 };
@@ -15,7 +16,7 @@ use brickscope::store::Store;
 use glam::UVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::process::{drop_from_page_cache, storage_bytes_read, unix_secs};
+use crate::process::unix_secs;
 use crate::scene::View;
 
 /// An engine, and what it does.
@@ -184,7 +185,7 @@ impl Bench {
             self.engine.tick(&TickBudget::default())?;
         }
         self.engine.forget_bricks();
-        drop_from_page_cache(self.store.path())
+        Ok(drop_from_page_cache(self.store.path())?)
     }
 
     /// Draws a picture by ticks until it is exact.
@@ -216,7 +217,7 @@ impl Bench {
                 whole = Some(Whole {
                     ms: ms_since(begun),
                     bytes_read: stats.bytes_read.unwrap_or(0),
-                    storage_bytes: storage_bytes_read()?,
+                    storage_bytes: storage_bytes_read().context("the kernel tells no bytes")?,
                 });
             }
         }
@@ -234,7 +235,7 @@ impl Bench {
             pictures,
             missing,
             longest_tick_ms,
-            storage_bytes: storage_bytes_read()?,
+            storage_bytes: storage_bytes_read().context("the kernel tells no bytes")?,
         })
     }
 

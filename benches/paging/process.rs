@@ -1,11 +1,12 @@
-//! Measurements in processes of their own, and what the kernel says of a process.
+//! Measurements in processes of their own.
 
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail, ensure};
+use brickscope::bench::{drop_from_page_cache, peak_rss_bytes};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -63,7 +64,7 @@ pub(crate) fn run_child(job: &str) -> anyhow::Result<()> {
     let job: Job = serde_json::from_str(job).context("a task")?;
     let measured = Measured {
         result: job.run()?,
-        peak_rss_bytes: status_bytes("VmHWM")?,
+        peak_rss_bytes: peak_rss_bytes().context("the kernel tells no peak of memory")?,
     };
     println!("{}", serde_json::to_string(&measured)?);
     Ok(())
@@ -74,35 +75,6 @@ pub(crate) fn unix_secs() -> f64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0.0, |d| d.as_secs_f64())
-}
-
-/// A field of `/proc/self/status` that is in kB.
-fn status_bytes(field: &str) -> anyhow::Result<u64> {
-    Ok(number_of("/proc/self/status", field)? << 10)
-}
-
-/// Bytes that this process made the kernel read from storage.
-pub(crate) fn storage_bytes_read() -> anyhow::Result<u64> {
-    number_of("/proc/self/io", "read_bytes")
-}
-
-/// The number behind `field:` in a file of lines.
-fn number_of(path: &str, field: &str) -> anyhow::Result<u64> {
-    let text = fs::read_to_string(path).with_context(|| format!("reading {path}"))?;
-    text.lines()
-        .filter_map(|line| line.split_once(':'))
-        .find(|(name, _)| *name == field)
-        .and_then(|(_, rest)| rest.split_whitespace().next()?.parse().ok())
-        .with_context(|| format!("{path} has no {field}"))
-}
-
-/// Drops `path` from the page cache; what another process has mapped stays (the bytes read from storage tell).
-pub(crate) fn drop_from_page_cache(path: &Path) -> anyhow::Result<()> {
-    let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
-    // Dirty pages are not dropped.
-    file.sync_all()?;
-    rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed)?;
-    Ok(())
 }
 
 /// Are two files of pixels equal to the bit? Tells the first difference.

@@ -23,6 +23,9 @@ use crate::clock::{Elapsed, Stopwatch};
 use crate::engine::{Engine, TickBudget};
 use crate::scene::{PictureSettings, PictureStats};
 
+/// The phase that reuses what is resident.
+const TURN: &str = "warm turn";
+
 /// One configuration to measure.
 #[derive(Clone, Debug)]
 pub struct PageJob {
@@ -81,7 +84,8 @@ pub struct PageRow {
     pub bricks_per_s: f64,
     /// Decoded MB per second of wall time.
     pub mb_per_s: f64,
-    /// 1 − uploaded ÷ touched: the share of sampled bricks that were in their slots already. Null where nothing was sampled.
+    /// 1 − uploaded ÷ touched, of the turn: the share of sampled bricks that were in their slots already. Null for a first
+    /// picture, of which none were.
     pub hit_rate: Option<f64>,
     /// What bounds reading the store on this machine.
     pub ceiling: Option<StoreCeiling>,
@@ -163,13 +167,10 @@ impl PageJob {
     /// fails or is too small.
     pub fn measure(&self, engine: &mut Engine, path: &Path) -> Result<Vec<PageRow>, BenchError> {
         let turn = Turn::new(&self.settings, engine.meta(), self.frames);
+        let (first, away) = (turn.frame(0), looking_away(turn.frame(0)));
+        let budget = TickBudget::default();
         // The same pipelines and no brick: pages of the store that this process has touched would stay in the page cache.
-        let warm_up = converge(
-            engine,
-            &looking_away(turn.frame(0)),
-            &self.vol,
-            &TickBudget::default(),
-        )?;
+        let warm_up = converge(engine, &away, &self.vol, &budget)?;
         if warm_up.atlas_slots.is_none() {
             return Err(BenchError::NoPaging {
                 device: engine.device_name(),
@@ -177,13 +178,15 @@ impl PageJob {
         }
         engine.forget_bricks();
         drop_from_page_cache(path)?;
-        let mut rows = vec![self.phase("cold first", engine, &[turn.frame(0)])?];
-        // What the first picture reads is in the page cache now.
+        let first = std::slice::from_ref(&first);
+        let mut rows = vec![self.phase("cold first", engine, first)?];
+        // What the first picture reads is in the page cache now. It is counted anew when another was set meanwhile.
+        converge(engine, &away, &self.vol, &budget)?;
         engine.forget_bricks();
-        rows.push(self.phase("warm first", engine, &[turn.frame(0)])?);
+        rows.push(self.phase("warm first", engine, first)?);
         let rest: Vec<PictureSettings> = (1..self.frames).map(|k| turn.frame(k)).collect();
         if !rest.is_empty() {
-            rows.push(self.phase("warm turn", engine, &rest)?);
+            rows.push(self.phase(TURN, engine, &rest)?);
         }
         Ok(rows)
     }
@@ -241,7 +244,8 @@ impl PageJob {
                 .map(|(after, before)| after - before),
             bricks_per_s: per_s(uploaded as f64),
             mb_per_s: per_s(sum(|s| s.bytes_decompressed) as f64 / 1e6),
-            hit_rate: (touched > 0).then(|| rounded(1.0 - uploaded as f64 / touched as f64)),
+            hit_rate: (name == TURN && touched > 0)
+                .then(|| rounded(1.0 - uploaded as f64 / touched as f64)),
             ceiling: None,
             adapter: last.and_then(|s| s.adapter.clone()),
             version: env!("CARGO_PKG_VERSION").into(),

@@ -1,6 +1,7 @@
 //! The command line through the real binary: what cli.md promises to users and scripts.
 
 mod bad_inputs;
+mod bench;
 mod commands;
 mod contract;
 #[path = "../support/data.rs"]

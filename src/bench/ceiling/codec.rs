@@ -108,19 +108,19 @@ fn passes(mut work: impl FnMut() -> io::Result<()>) -> io::Result<f64> {
 mod tests {
     use super::*;
     use crate::bricking::{BrickOptions, NoProgress, brick};
-    use crate::input::Phantom;
+    use crate::input;
 
     #[test]
     fn the_rate_is_of_the_stores_own_records() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.bsk");
-        let mut rate = |spec: &str| {
-            let mut source = Phantom::from_spec(spec).unwrap();
+        let rate = |spec: &str| {
+            let mut source = input::open(spec, None).unwrap();
             let options = BrickOptions {
                 existing: crate::outfile::Existing::Replace,
                 ..BrickOptions::default()
             };
-            brick(&mut source, &path, &options, &NoProgress).unwrap();
+            brick(&mut *source, &path, &options, &NoProgress).unwrap();
             codec_rate(&Store::open(&path).unwrap()).unwrap()
         };
         let rate16 = rate("sponge:64,64,64:u16").expect("there are records");
