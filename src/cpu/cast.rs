@@ -4,7 +4,6 @@
 //! A packet goes from sample to sample together. Where no lane is in an active block, it goes on to the first sample at
 //! which one may be (invariant 4 of design.md: samples in between contribute nothing, and in mode iso are on one side).
 
-use super::bricks::NearBricks;
 use super::field::{Field, Place, VoxelKind};
 use super::intervals::{Interval, Intervals};
 use super::light::Light;
@@ -52,12 +51,12 @@ impl<'a> Scene<'a> {
 /// Premultiplied colour and opacity, per lane.
 pub(super) type Colors = [PerLane<f32>; 4];
 
-/// Draws the packet whose first pixel is `(x, y)`. `near`: one per level that is sampled.
+/// Draws the packet whose first pixel is `(x, y)`. `fields`: one per level that is sampled.
 #[inline(always)]
 pub(super) fn cast<L: Lanes, K: VoxelKind>(
     l: L,
     scene: &Scene<'_>,
-    near: &mut [NearBricks<'_>],
+    fields: &mut [Field<'_, '_, L>],
     [x, y]: [u32; 2],
     counts: &mut RayCounts,
 ) -> Colors {
@@ -67,7 +66,7 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
         scene,
         packet,
         at: [x, y],
-        near,
+        fields,
         samples: l.i(0),
         passed: l.i(0),
         contributing: l.i(0),
@@ -93,7 +92,7 @@ struct Caster<'s, 'f, 'n, 'a, L: Lanes> {
     packet: Packet<L>,
     /// Its first pixel.
     at: [u32; 2],
-    near: &'n mut [NearBricks<'a>],
+    fields: &'s mut [Field<'n, 'a, L>],
     /// Per lane: samples taken, samples of the parts that are done, samples that counted.
     samples: L::I,
     passed: L::I,
@@ -174,7 +173,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
             // The sample at a switch is the coarser level's.
             let last = l.min_i(rays.last, l.i(level.end as i32 - 1));
             let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
-            let mut field = Field::new(l, &mut self.near[n], level, scene.interpolation);
+            let field = &mut self.fields[n];
             let table = &scene.tables[n];
             while span.index <= span.end {
                 let here = span.here(l) & alive;
@@ -195,7 +194,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                     add_one(l, &mut self.contributing, seen);
                     let mut color = table.color(l, &at);
                     if let Some(light) = &scene.light {
-                        let gradient = world_gradient::<L, K>(l, &field, level, &place, offset);
+                        let gradient = world_gradient::<L, K>(l, field, level, &place, offset);
                         color = light.shade(l, color, gradient, rays.direction);
                     }
                     let weight = (one - sum[3]) * l.pick(seen, opacity, zero);
@@ -230,7 +229,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
             let last = l.min_i(rays.last, l.i(level.end as i32 - 1));
             let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
             inside = inside | (alive & !l.gt_i(rays.first, last));
-            let mut field = Field::new(l, &mut self.near[n], level, scene.interpolation);
+            let field = &mut self.fields[n];
             while span.index <= span.end {
                 let here = span.here(l) & alive;
                 let offset = rays.offset(l.f(span.index as f32));
@@ -286,7 +285,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
             let rays = Rays::new(l, scene.frame, level, &self.packet);
             let last = rays.last;
             let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
-            let mut field = Field::new(l, &mut self.near[n], level, scene.interpolation);
+            let field = &mut self.fields[n];
             // A segment has the level of its first sample, and both ends are sampled there (design.md §3).
             let (mut above_before, mut has_before) = (l.mask(0), l.mask(0));
             while span.index <= span.end {
@@ -313,7 +312,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                     let lit = surface::<L, K>(
                         l,
                         scene,
-                        &mut field,
+                        field,
                         level,
                         &rays,
                         Hit {

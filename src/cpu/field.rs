@@ -105,7 +105,7 @@ pub(super) struct Place<L: Lanes> {
     pub(super) block: L::I,
 }
 
-/// A level under the lanes of a packet.
+/// A level under the lanes, from packet to packet.
 pub(super) struct Field<'n, 'a, L: Lanes> {
     near: &'n mut NearBricks<'a>,
     /// From a position to the first of the voxels around it, and whether the others count: ½ and 1, or both 0.

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::bricks::{BrickCache, CastLevel, NearBricks, Purpose};
 use super::cast::{Colors, Scene, cast};
-use super::field::{VoxelKind, with_voxel_kind};
+use super::field::{Field, VoxelKind, with_voxel_kind};
 use super::intervals::Intervals;
 use super::simd::{InstructionSet, Kernel, Lanes};
 use super::skip::Seen;
@@ -315,11 +315,15 @@ impl<K: VoxelKind> Kernel for DrawTile<'_, '_, '_, K> {
         let [across, down] = L::SHAPE;
         let [width, height] = self.tile.size;
         let mut pixels = vec![Vec4::ZERO; (width * height) as usize];
+        let mut fields = Vec::with_capacity(self.near.len());
+        for (near, level) in self.near.iter_mut().zip(self.scene.frame.used()) {
+            fields.push(Field::new(l, near, level, self.scene.interpolation));
+        }
         for y in (0..height).step_by(down as usize) {
             for x in (0..width).step_by(across as usize) {
                 let at = [self.tile.origin[0] + x, self.tile.origin[1] + y];
                 let colors: Colors =
-                    cast::<L, K>(l, self.scene, self.near, at, &mut self.tile.counts);
+                    cast::<L, K>(l, self.scene, &mut fields, at, &mut self.tile.counts);
                 for lane in 0..L::WIDTH as u32 {
                     let (px, py) = (x + lane % across, y + lane / across);
                     if px < width && py < height {

@@ -162,8 +162,8 @@ impl GatherBytes {
 #[derive(Debug)]
 pub(super) struct LaneTable {
     addresses: Addresses,
-    /// Whatever a lane points into, and some that no lane does any more.
-    held: Vec<Arc<GatherBytes>>,
+    /// Whatever a lane points into, by address, and some that no lane does any more.
+    held: Vec<(u64, Arc<GatherBytes>)>,
     /// Bytes of every piece of memory that is set.
     len: usize,
 }
@@ -176,7 +176,7 @@ impl LaneTable {
     pub(super) fn new(bytes: &Arc<GatherBytes>) -> Self {
         Self {
             addresses: Addresses([address(bytes); MAX_LANES]),
-            held: vec![Arc::clone(bytes)],
+            held: vec![(address(bytes), Arc::clone(bytes))],
             len: bytes.len(),
         }
     }
@@ -190,15 +190,15 @@ impl LaneTable {
             "invariant: pieces of a table are of one length"
         );
         let place = address(bytes);
-        if self.held.last().map(address) != Some(place) {
+        if !self.held.iter().any(|&(a, _)| a == place) {
             if self.held.len() >= Self::MOST_HELD {
                 // The lanes that are about to move no longer count; those that stay do.
                 let stays = |a: u64| {
                     (0..MAX_LANES).any(|l| lanes >> l & 1 == 0 && self.addresses.0[l] == a)
                 };
-                self.held.retain(|h| stays(address(h)));
+                self.held.retain(|&(a, _)| stays(a));
             }
-            self.held.push(Arc::clone(bytes));
+            self.held.push((place, Arc::clone(bytes)));
         }
         for (lane, a) in self.addresses.0.iter_mut().enumerate() {
             if lanes >> lane & 1 == 1 {
