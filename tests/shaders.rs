@@ -243,7 +243,7 @@ fn matches_variable(
             (
                 TypeInner::Image {
                     dim,
-                    arrayed: false,
+                    arrayed,
                     class,
                 },
                 BindingType::Texture {
@@ -252,9 +252,10 @@ fn matches_variable(
                     multisampled,
                 },
             ) => {
-                let dims = match dim {
-                    ImageDimension::D2 => TextureViewDimension::D2,
-                    ImageDimension::D3 => TextureViewDimension::D3,
+                let dims = match (dim, arrayed) {
+                    (ImageDimension::D2, false) => TextureViewDimension::D2,
+                    (ImageDimension::D2, true) => TextureViewDimension::D2Array,
+                    (ImageDimension::D3, false) => TextureViewDimension::D3,
                     _ => return false,
                 };
                 let (kinds, multi) = match class {

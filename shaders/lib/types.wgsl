@@ -19,9 +19,8 @@ struct LevelUniforms {
     // First and last sample that are taken at this level.
     begin: i32,
     last: i32,
-    // Where the level's table begins in `lut`, entries.
-    lut_offset: u32,
     step_mm: f32,
+    pad: u32,
 }
 
 // One frame: the sample grid (scene::RayFrame), the classification's constants and the switches.
@@ -83,6 +82,13 @@ struct FrameUniforms {
     pad2: u32,
     pad3: u32,
     levels: array<LevelUniforms, MAX_LEVELS>,
+}
+
+// What the ray of a pixel did, as scene::RayCounts tells it.
+struct PixelCounts {
+    samples: u32,
+    skipped: u32,
+    contributing: u32,
 }
 
 // Where a ray stands between two dispatches.

@@ -9,8 +9,8 @@
 @group(2) @binding(2) var farthest_back: texture_depth_2d;
 // Per pixel of the tile: premultiplied colour and opacity.
 @group(2) @binding(3) var<storage, read_write> picture: array<vec4f>;
-// Per pixel of the tile: samples taken, samples skipped.
-@group(2) @binding(4) var<storage, read_write> counts: array<vec2u>;
+// Per pixel of the tile.
+@group(2) @binding(4) var<storage, read_write> counts: array<PixelCounts>;
 // Per pixel of the tile; zeros before the first dispatch.
 @group(2) @binding(5) var<storage, read_write> rays: array<RayState>;
 // lib/feedback.wgsl.
@@ -40,6 +40,7 @@ struct Cast {
     // Samples at levels that are done are in here.
     skipped: u32,
     samples: u32,
+    contributing: u32,
     // After so many samples the ray goes on in the next dispatch.
     limit: u32,
     // A brick was missing; the ray waits for it; it has used up the dispatch's samples.
@@ -181,7 +182,9 @@ fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extre
     let is_pending = caster.stopped || caster.paused;
     // A level that is left behind for good was skipped where no samples were taken.
     let skipped = caster.skipped + select(walk.skipped, cast_skipped(caster, walk), !is_pending && (flags & RAY_ENDED) == 0u);
-    counts[caster.at] += vec2u(caster.samples, skipped);
+    counts[caster.at].samples += caster.samples;
+    counts[caster.at].skipped += skipped;
+    counts[caster.at].contributing += caster.contributing;
     if DRAFT {
         if caster.missed {
             feedback_pending(caster.at, caster.group, true);
@@ -234,6 +237,7 @@ fn cast_dvr(
                     color = shade_phong(color, sample_gradient(source.brick, at), caster.ray.direction);
                 }
                 sum += vec4f(color, 1.0) * ((1.0 - sum.a) * classified.a);
+                caster.contributing += u32(classified.a > 0.0);
                 caster.samples += 1u;
                 i += 1;
                 offset = ray_offset(caster.ray, f32(i));
@@ -276,7 +280,9 @@ fn cast_mip(
                 break;
             }
             loop {
-                greatest = max(greatest, sample_value(source.brick, source_offset(source, f32(i))));
+                let value = sample_value(source.brick, source_offset(source, f32(i)));
+                caster.contributing += u32(value > greatest);
+                greatest = max(greatest, value);
                 caster.samples += 1u;
                 i += 1;
                 offset = ray_offset(caster.ray, f32(i));
@@ -362,6 +368,7 @@ fn cast_iso(
         above_before = !above_before;
         caster.samples -= 1u;
     }
+    caster.contributing = u32(hit);
     let flags = select(0u, RAY_ENDED, hit) | select(0u, RAY_ABOVE, above_before)
         | select(0u, RAY_HAS_BEFORE, before == i - 1);
     cast_end(caster, walk, select(vec4f(0.0), vec4f(color, 1.0), hit), i, flags, 0.0);

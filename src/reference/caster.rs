@@ -54,6 +54,7 @@ pub fn render(
                         readers,
                         settings,
                         iso: classified.iso_stored,
+                        value_floor: classified.value_floor,
                         counts: RayCounts::default(),
                     };
                     row.push(match settings.mode {
@@ -151,6 +152,7 @@ struct Caster<'r, 'f, 'a> {
     readers: &'r mut [FieldReader<'f>],
     settings: &'a PictureSettings,
     iso: f32,
+    value_floor: f32,
     counts: RayCounts,
 }
 
@@ -212,9 +214,9 @@ impl Caster<'_, '_, '_> {
             for i in ray.first..=ray.last.min(level.end as i32 - 1) {
                 self.counts.samples += 1;
                 let value = self.value(l, level, ray.offset(i as f32));
-                let is_more = greatest.is_none_or(|(g, _): (f32, _)| value > g);
-                if is_more {
-                    self.counts.contributing += 1;
+                if greatest.is_none_or(|(g, _): (f32, _)| value > g) {
+                    // The volume's minimum is where a maximum begins.
+                    self.counts.contributing += u64::from(value > self.value_floor);
                     greatest = Some((value, lut));
                 }
             }

@@ -10,7 +10,8 @@ use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Ti
 use super::passes::{BoundsPass, BoundsTargets, MeshBuffers, RaycastPass, RaycastTargets};
 use super::residency::Residency;
 use crate::gpu::layout::{
-    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_SKIP, MAX_GROUPS, RayState,
+    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_SKIP, MAX_GROUPS, PixelCounts,
+    RayState,
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
@@ -346,11 +347,15 @@ impl Renderer {
             gpu,
             [
                 (&targets.raycast.picture, 0, pixels * 16),
-                (&targets.raycast.counts, 0, pixels * 8),
+                (
+                    &targets.raycast.counts,
+                    0,
+                    pixels * size_of::<PixelCounts>() as u64,
+                ),
             ],
         )?;
         let colors: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&colors);
-        let counts: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&counts);
+        let counts: Vec<PixelCounts> = bytemuck::pod_collect_to_vec(&counts);
         let (stride, kept) = (tile.size[0] as usize, tile.part_size[0] as usize);
         let mut sums = RayCounts::default();
         for row in 0..tile.part_size[1] as usize {
@@ -360,9 +365,12 @@ impl Renderer {
             for (pixel, color) in image.pixels[to..to + kept].iter_mut().zip(&colors[from..]) {
                 *pixel = Vec4::from_array(*color);
             }
-            for [samples, skipped] in &counts[from..from + kept] {
-                sums.samples += u64::from(*samples);
-                sums.skipped += u64::from(*skipped);
+            for counts in &counts[from..from + kept] {
+                sums += RayCounts {
+                    samples: counts.samples.into(),
+                    skipped: counts.skipped.into(),
+                    contributing: counts.contributing.into(),
+                };
             }
         }
         Ok(sums)

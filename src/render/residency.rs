@@ -45,27 +45,29 @@ struct AtlasFormat {
 
 impl AtlasFormat {
     fn new(stored: StoredType, filter: SampleFilter, caps: &Caps) -> Self {
-        let (format, filterable, value_scale) = match stored {
-            StoredType::U8 => (wgpu::TextureFormat::R8Unorm, true, 255.0),
-            StoredType::U16 if caps.unorm16 => (wgpu::TextureFormat::R16Unorm, true, 65535.0),
-            StoredType::U16 => {
-                return Self {
-                    format: wgpu::TextureFormat::R16Uint,
-                    kind: AtlasKind::Uint,
-                    value_scale: 1.0,
-                };
-            }
-            StoredType::F32 => (wgpu::TextureFormat::R32Float, caps.float32_filterable, 1.0),
-        };
-        let kind = if filter == SampleFilter::Hardware && filterable {
-            AtlasKind::Filtered
-        } else {
-            AtlasKind::Float
+        use AtlasKind::{Filtered, Float, Uint};
+        use wgpu::TextureFormat::{R8Uint, R8Unorm, R16Uint, R16Unorm, R32Float};
+        let filter = filter == SampleFilter::Hardware;
+        let (format, kind, value_scale) = match stored {
+            StoredType::U8 if filter => (R8Unorm, Filtered, 255.0),
+            StoredType::U8 => (R8Uint, Uint, 1.0),
+            StoredType::U16 if filter && caps.unorm16 => (R16Unorm, Filtered, 65535.0),
+            StoredType::U16 => (R16Uint, Uint, 1.0),
+            StoredType::F32 if filter && caps.float32_filterable => (R32Float, Filtered, 1.0),
+            StoredType::F32 => (R32Float, Float, 1.0),
         };
         Self {
             format,
             kind,
             value_scale,
+        }
+    }
+
+    /// The hardware filters along z in 3D textures only; exact sampling gathers, which it can from slices only.
+    fn dimension(&self) -> wgpu::TextureDimension {
+        match self.kind {
+            AtlasKind::Filtered => wgpu::TextureDimension::D3,
+            AtlasKind::Float | AtlasKind::Uint => wgpu::TextureDimension::D2,
         }
     }
 }
@@ -183,8 +185,15 @@ impl Residency {
     /// Most bricks of a volume, all levels together: tables are flat (design.md §5).
     pub const MAX_BRICKS: u64 = 100_000_000;
 
-    /// Most slots along an axis of a texture: places are packed in nine bits.
-    pub const MAX_AXIS_SLOTS: u32 = 511;
+    /// Texels along an axis of an atlas texture, at most.
+    pub fn max_atlas_edge(caps: &Caps) -> u32 {
+        // Slots' places are packed in nine bits.
+        const MAX_SLOTS: u32 = 511;
+        caps.limits
+            .max_texture_dimension_3d
+            .min(caps.limits.max_texture_array_layers)
+            .min(MAX_SLOTS * STORED_EDGE)
+    }
 
     /// Values of constant bricks that a residency begins with room for.
     const CONSTANTS: usize = 1 << 12;
@@ -249,7 +258,7 @@ impl Residency {
             .collect();
         gpu.checked("allocating the atlas", || {
             let device = &gpu.device;
-            let texture = |label, size: UVec3, format| {
+            let texture = |label, size: UVec3, dimension, format| {
                 device.create_texture(&wgpu::TextureDescriptor {
                     label: Some(label),
                     size: wgpu::Extent3d {
@@ -259,7 +268,7 @@ impl Residency {
                     },
                     mip_level_count: 1,
                     sample_count: 1,
-                    dimension: wgpu::TextureDimension::D3,
+                    dimension,
                     format,
                     usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
                     view_formats: &[],
@@ -272,10 +281,15 @@ impl Residency {
                     } else {
                         UVec3::ONE
                     };
-                    texture("residency.atlas", texels, format.format)
+                    texture("residency.atlas", texels, format.dimension(), format.format)
                 })
                 .collect();
-            let indirection = texture("residency.indirection", size, wgpu::TextureFormat::R32Uint);
+            let indirection = texture(
+                "residency.indirection",
+                size,
+                wgpu::TextureDimension::D3,
+                wgpu::TextureFormat::R32Uint,
+            );
             let activity_words = vec![0xaaaa_aaaa; bricks.div_ceil(16) as usize];
             const {
                 assert!(BRICK_FULL == 2, "every pair of bits of 0xaaaaaaaa");
@@ -308,17 +322,20 @@ impl Residency {
                     AtlasKind::Uint => bindings::VOLUME_UINT,
                 },
             });
+            let filter_mode = match format.kind {
+                AtlasKind::Filtered => wgpu::FilterMode::Linear,
+                AtlasKind::Float | AtlasKind::Uint => wgpu::FilterMode::Nearest,
+            };
             let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("residency.sampler"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
+                mag_filter: filter_mode,
+                min_filter: filter_mode,
                 ..Default::default()
             });
             let tables = [&constants, &activity, &occupancy];
             let group = bind(
                 gpu,
                 &layout,
-                format.kind,
                 &atlases,
                 &sampler,
                 &indirection,
@@ -568,7 +585,6 @@ impl Residency {
             self.group = bind(
                 gpu,
                 &self.layout,
-                self.format.kind,
                 &self.atlases,
                 &self.sampler,
                 &self.indirection,
@@ -739,19 +755,33 @@ fn texel_place(texture: &wgpu::Texture, at: UVec3) -> wgpu::TexelCopyTextureInfo
 fn bind(
     gpu: &GpuContext,
     layout: &wgpu::BindGroupLayout,
-    kind: AtlasKind,
     atlases: &[wgpu::Texture],
     sampler: &wgpu::Sampler,
     indirection: &wgpu::Texture,
     tables: [&wgpu::Buffer; 3],
 ) -> wgpu::BindGroup {
-    let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
+    let view = |t: &wgpu::Texture| {
+        t.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(match t.dimension() {
+                wgpu::TextureDimension::D3 => wgpu::TextureViewDimension::D3,
+                // Also those of a single slice.
+                _ => wgpu::TextureViewDimension::D2Array,
+            }),
+            ..Default::default()
+        })
+    };
     let views: Vec<wgpu::TextureView> = atlases.iter().map(view).collect();
     let indirection = view(indirection);
-    let mut entries = vec![wgpu::BindGroupEntry {
-        binding: 2,
-        resource: wgpu::BindingResource::TextureView(&indirection),
-    }];
+    let mut entries = vec![
+        wgpu::BindGroupEntry {
+            binding: 1,
+            resource: wgpu::BindingResource::Sampler(sampler),
+        },
+        wgpu::BindGroupEntry {
+            binding: 2,
+            resource: wgpu::BindingResource::TextureView(&indirection),
+        },
+    ];
     for (view, binding) in views.iter().zip([0, 6, 7, 8]) {
         entries.push(wgpu::BindGroupEntry {
             binding,
@@ -762,12 +792,6 @@ fn bind(
         entries.push(wgpu::BindGroupEntry {
             binding,
             resource: table.as_entire_binding(),
-        });
-    }
-    if kind == AtlasKind::Filtered {
-        entries.push(wgpu::BindGroupEntry {
-            binding: 1,
-            resource: wgpu::BindingResource::Sampler(sampler),
         });
     }
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
