@@ -78,7 +78,8 @@ struct FrameUniforms {
     bits_at: u32,
     // What the host writes into `feedback` for a dispatch (FEEDBACK_LIMIT and others; then the list of work-groups).
     orders_at: u32,
-    pad1: u32,
+    // Step from a code of `brick_maxima` to the next, in stored values.
+    maximum_scale: f32,
     pad2: u32,
     pad3: u32,
     levels: array<LevelUniforms, MAX_LEVELS>,

@@ -82,14 +82,21 @@ impl OpacityTable {
     /// False only if no value from `lo` to `hi` has opacity.
     fn is_visible(&self, lo: f32, hi: f32) -> bool {
         let slack = ROUNDINGS * f32::EPSILON * lo.abs().max(hi.abs());
-        // Lut::index, and one entry outward: floor − 1 below, floor + 1 (the other end of the line) + 1 above.
-        let index = |v: f32| {
-            ((v - self.lo) * self.scale)
-                .max(0.0)
-                .min((LUT_ENTRIES - 1) as f32) as usize
+        let place = |v: f32| (v - self.lo) * self.scale;
+        let last = LUT_ENTRIES - 1;
+        // Lut::index, and one entry outward: floor − 1 below, floor + 1 (the other end of the line) + 1 above. Values at
+        // and beyond the table's ends read the end entries alone, exactly: air at the foot of a ramp can't be seen.
+        let index = |v: f32| place(v).max(0.0).min(last as f32) as usize;
+        let first = if place(lo - slack) >= last as f32 {
+            last
+        } else {
+            index(lo - slack).saturating_sub(1)
         };
-        let first = index(lo - slack).saturating_sub(1);
-        let end = (index(hi + slack) + 3).min(LUT_ENTRIES);
+        let end = if place(hi + slack) <= 0.0 {
+            1
+        } else {
+            (index(hi + slack) + 3).min(LUT_ENTRIES)
+        };
         self.before[end] > self.before[first]
     }
 }

@@ -87,7 +87,7 @@ shared! {
         stamps_at: u32,
         bits_at: u32,
         orders_at: u32,
-        pad1: u32,
+        maximum_scale: f32,
         pad2: u32,
         pad3: u32,
         levels: [LevelUniforms; MAX_LEVELS as usize],

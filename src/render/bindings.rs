@@ -59,6 +59,7 @@ const PAGE_TABLE: BindGroupLayoutEntry = compute(2, volume(TextureSampleType::Ui
 const CONSTANTS: BindGroupLayoutEntry = compute(3, READ);
 const ACTIVITY: BindGroupLayoutEntry = compute(4, READ);
 const OCCUPANCY: BindGroupLayoutEntry = compute(5, READ);
+const MAXIMA: BindGroupLayoutEntry = compute(9, READ);
 
 /// Entries of group 1: the first atlas texture, its sampler, the tables, the other atlas textures.
 macro_rules! volume_entries {
@@ -73,6 +74,7 @@ macro_rules! volume_entries {
             compute(6, $texture),
             compute(7, $texture),
             compute(8, $texture),
+            MAXIMA,
         ]
     };
 }

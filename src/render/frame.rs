@@ -217,7 +217,7 @@ fn uniforms(
         stamps_at: places.stamps,
         bits_at: places.bits,
         orders_at: places.orders,
-        pad1: 0,
+        maximum_scale: volume.maximum_scale(),
         pad2: 0,
         pad3: 0,
         levels,

@@ -14,4 +14,4 @@ mod residency;
 pub use feedback::{Feedback, MissedBrick, PendingFeedback};
 pub use frame::{FrameInputs, Tile};
 pub use renderer::{Cast, Renderer, TILE_EDGE};
-pub use residency::{Activity, AtlasPlan, Residency, SampleFilter};
+pub use residency::{Activity, AtlasPlan, MaximumCodes, Residency, SampleFilter};

@@ -72,6 +72,44 @@ impl AtlasFormat {
     }
 }
 
+/// Greatest values of bricks in eight bits, rounded up: floor + code · scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MaximumCodes {
+    floor: f32,
+    scale: f32,
+}
+
+impl MaximumCodes {
+    /// Stands for any value.
+    const ANY: u8 = 255;
+
+    /// Codes for a volume whose stored values lie in `range`.
+    pub fn new(range: [f32; 2]) -> Self {
+        // The greatest value itself has the last code but one.
+        let scale = (range[1] - range[0]) / f32::from(Self::ANY - 1) * (1.0 + 1e-5);
+        Self {
+            floor: range[0],
+            // Without a scale every code is ANY.
+            scale: if scale.is_finite() { scale } else { 0.0 },
+        }
+    }
+
+    /// The code of a brick in which no voxel is greater than `maximum`: interpolation may round above it.
+    pub fn code(&self, maximum: f32) -> u8 {
+        let bound = maximum + 16.0 * f32::EPSILON * maximum.abs().max(self.floor.abs());
+        let code = ((bound - self.floor) / self.scale).ceil();
+        // Written so that what is no number is any value.
+        if code >= 0.0 && code < f32::from(Self::ANY) {
+            let code = code as u8;
+            if self.floor + f32::from(code) * self.scale >= bound {
+                return code;
+            }
+            return code + 1;
+        }
+        Self::ANY
+    }
+}
+
 /// What can be seen of a brick, under the classification in use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
@@ -154,6 +192,9 @@ pub struct Residency {
     activity_words: Vec<u32>,
     activity_changed: Changed,
     occupancy: wgpu::Buffer,
+    /// Codes of the bricks' greatest values.
+    maxima: wgpu::Buffer,
+    codes: MaximumCodes,
     pub(super) feedback: wgpu::Buffer,
     places: FeedbackPlaces,
     dispatches: u32,
@@ -208,6 +249,7 @@ impl Residency {
         );
         u64::from(s.x) * u64::from(s.y) * u64::from(s.z) * 4
             + bricks.div_ceil(16) * 4
+            + bricks
             + Self::CONSTANTS as u64 * 4
             + slots * 64
             + places.bytes()
@@ -224,6 +266,7 @@ impl Residency {
         filter: SampleFilter,
         plan: AtlasPlan,
         grids: Vec<BrickGrid>,
+        codes: MaximumCodes,
     ) -> Result<Self, GpuError> {
         let size = indirection_size(&grids);
         let bricks = brick_count(&grids);
@@ -307,6 +350,7 @@ impl Residency {
                 activity_words.len() as u64 * 4,
                 usage,
             );
+            let maxima = buffer(gpu, "residency.maxima", bricks, usage);
             let occupancy = buffer(gpu, "residency.occupancy", plan.slot_count() * 64, usage);
             let feedback = buffer(
                 gpu,
@@ -332,7 +376,7 @@ impl Residency {
                 min_filter: filter_mode,
                 ..Default::default()
             });
-            let tables = [&constants, &activity, &occupancy];
+            let tables = [&constants, &activity, &occupancy, &maxima];
             let group = bind(
                 gpu,
                 &layout,
@@ -357,6 +401,8 @@ impl Residency {
                 activity_words,
                 activity_changed: Changed::All,
                 occupancy,
+                maxima,
+                codes,
                 feedback,
                 places,
                 dispatches: 0,
@@ -384,6 +430,7 @@ impl Residency {
             + self.constants.size()
             + self.activity.size()
             + self.occupancy.size()
+            + self.maxima.size()
             + self.feedback.size()
             + self.places.report_bytes()
     }
@@ -409,6 +456,10 @@ impl Residency {
 
     pub(super) fn value_scale(&self) -> f32 {
         self.format.value_scale
+    }
+
+    pub(super) fn maximum_scale(&self) -> f32 {
+        self.codes.scale
     }
 
     pub(super) fn level_bricks(&self, lod: Lod) -> UVec3 {
@@ -588,7 +639,12 @@ impl Residency {
                 &self.atlases,
                 &self.sampler,
                 &self.indirection,
-                [&self.constants, &self.activity, &self.occupancy],
+                [
+                    &self.constants,
+                    &self.activity,
+                    &self.occupancy,
+                    &self.maxima,
+                ],
             );
         }
         let values = bytemuck::cast_slice(&self.constant_values);
@@ -626,6 +682,15 @@ impl Residency {
                 );
             },
         )
+    }
+
+    /// Enters the greatest values of a level's bricks, in the order of its index.
+    pub fn set_maxima(&self, gpu: &GpuContext, lod: Lod, maxima: impl Iterator<Item = f32>) {
+        let mut codes: Vec<u8> = maxima.map(|m| self.codes.code(m)).collect();
+        codes.resize(codes.len().next_multiple_of(4), 0);
+        let first = self.first_bricks[usize::from(lod.0)];
+        gpu.queue
+            .write_buffer(&self.maxima, u64::from(first), &codes);
     }
 
     /// What the index tells of all bricks of a level ([`Activity::pack`]); resident ones have to be set again.
@@ -751,14 +816,14 @@ fn texel_place(texture: &wgpu::Texture, at: UVec3) -> wgpu::TexelCopyTextureInfo
     }
 }
 
-/// The bind group; `tables` are constants, activity, occupancy.
+/// The bind group; `tables` are constants, activity, occupancy, maxima.
 fn bind(
     gpu: &GpuContext,
     layout: &wgpu::BindGroupLayout,
     atlases: &[wgpu::Texture],
     sampler: &wgpu::Sampler,
     indirection: &wgpu::Texture,
-    tables: [&wgpu::Buffer; 3],
+    tables: [&wgpu::Buffer; 4],
 ) -> wgpu::BindGroup {
     let view = |t: &wgpu::Texture| {
         t.create_view(&wgpu::TextureViewDescriptor {
@@ -788,7 +853,7 @@ fn bind(
             resource: wgpu::BindingResource::TextureView(view),
         });
     }
-    for (table, binding) in tables.iter().zip(3..) {
+    for (table, binding) in tables.iter().zip([3, 4, 5, 9]) {
         entries.push(wgpu::BindGroupEntry {
             binding,
             resource: table.as_entire_binding(),

@@ -209,6 +209,7 @@ impl RaycastPass {
                             ("ORTHOGRAPHIC", f64::from(u8::from(variant.orthographic))),
                             ("MANY_LEVELS", f64::from(u8::from(variant.many_levels))),
                             ("MANY_ATLASES", f64::from(u8::from(variant.many_atlases))),
+                            ("MAXIMUM", f64::from(u8::from(variant.mode == Mode::Mip))),
                             ("DRAFT", f64::from(u8::from(variant.draft))),
                         ],
                         ..Default::default()
