@@ -181,7 +181,12 @@ mod gpu {
                 if args.turntable {
                     // The distance of the peers' benches: 1.5 diagonals of the box.
                     let distance = 3.0 * bounds.radius;
-                    Ok(Camera::turntable(frame, args.frames, bounds.center, distance))
+                    Ok(Camera::turntable(
+                        frame,
+                        args.frames,
+                        bounds.center,
+                        distance,
+                    ))
                 } else {
                     let azimuth = 360.0 * f64::from(frame) / f64::from(args.frames);
                     Camera::orbit(&bounds, azimuth, 15.0, 1.0, 30.0)

@@ -17,8 +17,7 @@ use brickscope::camera::Projection;
 use brickscope::engine::{EngineOptions, SampleFilter};
 use brickscope::geom::Lod;
 use brickscope::scene::{
-    Interpolation, LodChoice, Mode, PictureSettings, PictureStats, Shading, ShadingModel,
-    Technique,
+    Interpolation, LodChoice, Mode, PictureSettings, PictureStats, Shading, ShadingModel, Technique,
 };
 use brickscope::volume::VoxelType;
 use compare::{TWIN_BOUND, assert_twins, coverage, difference};
@@ -248,7 +247,11 @@ fn surfaces_are_hit_as_often_as_by_the_reference() {
     s.size = [96, 96];
     for technique in [Technique::Basic, Technique::Default] {
         s.technique = technique;
-        assert_contributing(&drawn(&store, &s).stats, &reference(&store, &s).stats, Mode::Iso);
+        assert_contributing(
+            &drawn(&store, &s).stats,
+            &reference(&store, &s).stats,
+            Mode::Iso,
+        );
     }
 }
 

@@ -13,6 +13,7 @@
 @group(2) @binding(4) var<storage, read_write> counts: array<PixelCounts>;
 // Per pixel of the tile; zeros before the first dispatch.
 @group(2) @binding(5) var<storage, read_write> rays: array<RayState>;
+@group(2) @binding(7) var depth_sampler: sampler;
 // lib/feedback.wgsl.
 @group(2) @binding(6) var<storage, read_write> feedback: array<atomic<u32>>;
 

@@ -116,7 +116,8 @@ shared! {
 }
 
 /// All shared structs.
-pub const SHARED_STRUCTS: &[SharedStruct] = &[LEVEL_UNIFORMS, FRAME_UNIFORMS, PIXEL_COUNTS, RAY_STATE];
+pub const SHARED_STRUCTS: &[SharedStruct] =
+    &[LEVEL_UNIFORMS, FRAME_UNIFORMS, PIXEL_COUNTS, RAY_STATE];
 
 macro_rules! constants {
     ($($(#[$meta:meta])* $name:ident = $value:expr;)*) => {

@@ -122,6 +122,7 @@ pub const RAYCAST: Entries = &[
     compute(4, WRITE),
     compute(5, WRITE),
     compute(6, WRITE),
+    compute(7, BindingType::Sampler(SamplerBindingType::NonFiltering)),
 ];
 
 /// Every shader with its groups, in order.

@@ -224,11 +224,7 @@ fn uniforms(
     }
 }
 
-fn level_uniforms(
-    level: &LevelFrame,
-    mode: Mode,
-    volume: &Residency,
-) -> LevelUniforms {
+fn level_uniforms(level: &LevelFrame, mode: Mode, volume: &Residency) -> LevelUniforms {
     // A segment that ends at a switch is sampled at both ends by the finer level; only surfaces are found by segment.
     let last = match mode {
         Mode::Iso => level.end as i32,

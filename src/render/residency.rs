@@ -377,14 +377,7 @@ impl Residency {
                 ..Default::default()
             });
             let tables = [&constants, &activity, &occupancy, &maxima];
-            let group = bind(
-                gpu,
-                &layout,
-                &atlases,
-                &sampler,
-                &indirection,
-                tables,
-            );
+            let group = bind(gpu, &layout, &atlases, &sampler, &indirection, tables);
             Ok(Self {
                 plan,
                 format,
@@ -872,3 +865,36 @@ const FULL_ENOUGH: u32 = 384;
 
 /// Rows of texture copies are padded to this by the API.
 const ROW_PITCH: usize = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_of_maxima_are_never_below_them() {
+        for range in [[0.0, 240.0], [-1000.5, 3000.25], [16.0, 16.5], [1e-3, 1e30]] {
+            let codes = MaximumCodes::new(range);
+            let mut culled = 0;
+            for i in 0..=1000 {
+                let maximum = range[0] + (range[1] - range[0]) * (i as f32 / 1000.0);
+                let code = codes.code(maximum);
+                let bound = codes.floor + f32::from(code) * codes.scale;
+                assert!(
+                    code == MaximumCodes::ANY || bound >= maximum,
+                    "{maximum} of {range:?}: {bound}"
+                );
+                culled += u32::from(bound - maximum <= (range[1] - range[0]) / 200.0);
+            }
+            assert!(culled > 900, "{range:?}: {culled} of 1001 codes are close");
+        }
+    }
+
+    #[test]
+    fn without_a_range_any_value_may_come() {
+        for range in [[7.0, 7.0], [f32::MIN, f32::MAX]] {
+            let codes = MaximumCodes::new(range);
+            assert_eq!(codes.code(range[1]), MaximumCodes::ANY, "{range:?}");
+            assert!(codes.scale.is_finite(), "{range:?}");
+        }
+    }
+}

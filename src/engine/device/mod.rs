@@ -272,8 +272,7 @@ impl GpuDevice {
             .ok_or_else(too_little)?;
         // A slot's tables take less than a 512th of any brick.
         let rest = rest - rest / 512;
-        let max_edge =
-            Residency::max_atlas_edge(&self.gpu.caps).min(self.options.max_atlas_edge);
+        let max_edge = Residency::max_atlas_edge(&self.gpu.caps).min(self.options.max_atlas_edge);
         let shape =
             AtlasShape::for_slots(wanted, voxel_bytes, rest, max_edge).ok_or_else(too_little)?;
         let most = (rest / shape.bytes(voxel_bytes)).min(u64::from(Residency::MAX_TEXTURES));

@@ -52,6 +52,7 @@ impl Variant {
 #[derive(Debug)]
 pub(in crate::render) struct RaycastPass {
     layout: wgpu::BindGroupLayout,
+    depth_sampler: wgpu::Sampler,
     pipelines: HashMap<Variant, wgpu::ComputePipeline>,
 }
 
@@ -93,8 +94,13 @@ impl RaycastPass {
                 label: Some("raycast.layout"),
                 entries: bindings::RAYCAST,
             });
+        let depth_sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("raycast.depth_sampler"),
+            ..Default::default()
+        });
         Self {
             layout,
+            depth_sampler,
             pipelines: HashMap::new(),
         }
     }
@@ -145,6 +151,10 @@ impl RaycastPass {
                 wgpu::BindGroupEntry {
                     binding: 6,
                     resource: volume.feedback.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 7,
+                    resource: wgpu::BindingResource::Sampler(&self.depth_sampler),
                 },
             ],
         });
