@@ -5,7 +5,8 @@
 //! uploading, pipeline compilation. Ratios are of one run, interleaved; CPU time is the steadier figure on a shared
 //! machine.
 //!
-//! `cargo bench --bench frame -- STORE.bsk [--frames N] [--size N] [--iso VALUE] [--mode M] [--step S] [--filter hardware]`
+//! `cargo bench --bench frame -- STORE.bsk [--frames N] [--size N] [--iso VALUE] [--mode M] [--shading none|phong]
+//! [--step S] [--filter hardware] [--tf FILE.json] [--camera orbit|turntable] [--technique T]`
 
 #[cfg(not(feature = "gpu"))]
 fn main() {
@@ -23,7 +24,7 @@ mod gpu {
     use std::path::PathBuf;
 
     use brickscope::camera::Camera;
-    use brickscope::classify::grey_ramp;
+    use brickscope::classify::{grey_ramp, read_paraview};
     use brickscope::clock::Stopwatch;
     use brickscope::engine::{DeviceChoice, Engine, EngineOptions, SampleFilter};
     use brickscope::scene::{
@@ -40,6 +41,10 @@ mod gpu {
         mode: Option<String>,
         step: f64,
         filter: SampleFilter,
+        shading: Option<ShadingModel>,
+        tf: Option<PathBuf>,
+        turntable: bool,
+        techniques: Vec<Technique>,
     }
 
     fn args() -> Result<Args, Box<dyn Error>> {
@@ -51,6 +56,10 @@ mod gpu {
             mode: None,
             step: 1.0,
             filter: SampleFilter::default(),
+            shading: None,
+            tf: None,
+            turntable: false,
+            techniques: vec![Technique::Default, Technique::Basic],
         };
         let mut words = std::env::args().skip(1).filter(|w| w != "--bench");
         while let Some(word) = words.next() {
@@ -61,7 +70,26 @@ mod gpu {
                 "--iso" => out.iso = Some(value()?.parse()?),
                 "--mode" => out.mode = Some(value()?),
                 "--step" => out.step = value()?.parse()?,
-                "--filter" if value()? == "hardware" => out.filter = SampleFilter::Hardware,
+                "--filter" => {
+                    out.filter = match value()?.as_str() {
+                        "hardware" => SampleFilter::Hardware,
+                        _ => SampleFilter::Exact,
+                    }
+                }
+                "--shading" => {
+                    out.shading = Some(match value()?.as_str() {
+                        "none" => ShadingModel::None,
+                        _ => ShadingModel::Phong,
+                    })
+                }
+                "--tf" => out.tf = Some(value()?.into()),
+                "--camera" => out.turntable = value()? == "turntable",
+                "--technique" => {
+                    out.techniques = vec![match value()?.as_str() {
+                        "basic" => Technique::Basic,
+                        _ => Technique::Default,
+                    }]
+                }
                 _ => out.store = word.into(),
             }
         }
@@ -98,7 +126,7 @@ mod gpu {
             args.step
         );
         println!(
-            "{:>6} {:>6} {:>8} | {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} | ratio (CPU)",
+            "{:>6} {:>6} {:>8} | {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} | ratio (CPU)",
             "mode",
             "shaded",
             "tech",
@@ -107,12 +135,17 @@ mod gpu {
             "raycast",
             "bounds",
             "Msamples",
+            "M contr.",
             "triangles"
         );
         let meta = engine.meta();
         let [low, high] = default_window(meta);
         let iso = args.iso.unwrap_or(0.5 * (low + high));
         let bounds = volume_bounds(meta.dims, &meta.world_from_index);
+        let transfer = match &args.tf {
+            Some(path) => read_paraview(path)?.swap_remove(0),
+            None => grey_ramp(low, high, 0.5)?,
+        };
         for (name, mode, shaded) in [
             ("dvr", Mode::Dvr, false),
             ("dvr", Mode::Dvr, true),
@@ -127,13 +160,31 @@ mod gpu {
             } else {
                 ShadingModel::None
             };
-            let settings = |technique, azimuth| -> Result<PictureSettings, Box<dyn Error>> {
+            if args.shading.is_some_and(|s| s != model) {
+                continue;
+            }
+            let camera = |frame| {
+                if args.turntable {
+                    // The distance of the peers' benches: 1.5 diagonals of the box.
+                    let distance = 3.0 * bounds.radius;
+                    Ok(Camera::turntable(
+                        frame,
+                        args.frames,
+                        bounds.center,
+                        distance,
+                    ))
+                } else {
+                    let azimuth = 360.0 * f64::from(frame) / f64::from(args.frames);
+                    Camera::orbit(&bounds, azimuth, 15.0, 1.0, 30.0)
+                }
+            };
+            let settings = |technique, frame| -> Result<PictureSettings, Box<dyn Error>> {
                 Ok(PictureSettings {
                     size: [args.size; 2],
                     background: Background::Color(Vec3::ZERO),
                     mode,
                     classification: Classification {
-                        transfer: grey_ramp(low, high, 0.5)?,
+                        transfer: transfer.clone(),
                         opacity_unit_mm: None,
                         iso: Some(IsoSurface {
                             value: iso,
@@ -151,22 +202,21 @@ mod gpu {
                     lod_error: PictureSettings::LOD_ERROR,
                     opacity_cutoff: 0.99,
                     technique,
-                    camera: Camera::orbit(&bounds, azimuth, 15.0, 1.0, 30.0)?,
+                    camera: camera(frame)?,
                 })
             };
-            let mut costs = [Cost::default(), Cost::default()];
-            let techniques = [Technique::Default, Technique::Basic];
-            // Warm-up: pipelines, and the bricks of both.
-            for technique in techniques {
-                engine.render(&settings(technique, 0.0)?)?;
+            let techniques = &args.techniques;
+            let mut costs: Vec<Cost> = techniques.iter().map(|_| Cost::default()).collect();
+            // Warm-up: pipelines, and the bricks of all.
+            for &technique in techniques {
+                engine.render(&settings(technique, 0)?)?;
             }
             for frame in 0..args.frames {
                 // Who comes second finds the bricks of this view in the caches: they take turns.
-                for turn in 0..2 {
-                    let which = (frame as usize + turn) % 2;
+                for turn in 0..techniques.len() {
+                    let which = (frame as usize + turn) % techniques.len();
                     let (technique, cost) = (techniques[which], &mut costs[which]);
-                    let settings =
-                        settings(technique, 360.0 * f64::from(frame) / f64::from(args.frames))?;
+                    let settings = settings(technique, frame)?;
                     let watch = Stopwatch::start();
                     let picture = engine.render(&settings)?;
                     let elapsed = watch.elapsed();
@@ -183,16 +233,21 @@ mod gpu {
                 }
             }
             let n = f64::from(args.frames);
-            for (tech, cost) in ["default", "basic"].iter().zip(&costs) {
+            for (technique, cost) in techniques.iter().zip(&costs) {
+                let tech = match technique {
+                    Technique::Default => "default",
+                    Technique::Basic => "basic",
+                };
                 println!(
-                    "{name:>6} {shaded:>6} {tech:>8} | {:9.1} {:9.1} {:9.1} {:9.1} {:9.2} {:9} | {:.2}",
+                    "{name:>6} {shaded:>6} {tech:>8} | {:9.1} {:9.1} {:9.1} {:9.1} {:9.2} {:9.2} {:9} | {:.2}",
                     cost.cpu_ms / n,
                     cost.wall_ms / n,
                     cost.raycast_ms / n,
                     cost.bounds_ms / n,
                     cost.last.samples as f64 / 1e6,
+                    cost.last.samples_contributing.unwrap_or(0) as f64 / 1e6,
                     cost.last.mesh_triangles.unwrap_or(0),
-                    costs[1].cpu_ms / cost.cpu_ms
+                    costs[costs.len() - 1].cpu_ms / cost.cpu_ms
                 );
             }
         }

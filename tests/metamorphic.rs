@@ -55,6 +55,10 @@ fn check_skipping(engine: &mut Engine, settings: &PictureSettings, what: &str) -
         skipping.stats.samples <= plain.stats.samples,
         "{what}: skipping takes no more samples"
     );
+    assert_eq!(
+        skipping.stats.samples_contributing, plain.stats.samples_contributing,
+        "{what}: what is skipped would not have changed the picture"
+    );
     coverage(&plain.image)
 }
 

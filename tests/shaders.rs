@@ -243,7 +243,7 @@ fn matches_variable(
             (
                 TypeInner::Image {
                     dim,
-                    arrayed: false,
+                    arrayed,
                     class,
                 },
                 BindingType::Texture {
@@ -252,9 +252,10 @@ fn matches_variable(
                     multisampled,
                 },
             ) => {
-                let dims = match dim {
-                    ImageDimension::D2 => TextureViewDimension::D2,
-                    ImageDimension::D3 => TextureViewDimension::D3,
+                let dims = match (dim, arrayed) {
+                    (ImageDimension::D2, false) => TextureViewDimension::D2,
+                    (ImageDimension::D2, true) => TextureViewDimension::D2Array,
+                    (ImageDimension::D3, false) => TextureViewDimension::D3,
                     _ => return false,
                 };
                 let (kinds, multi) = match class {
@@ -349,14 +350,24 @@ fn bindings_of_another_kind_or_place_are_reported() {
         uint.contains("@binding(0) atlas: the layout has"),
         "uint atlas: {uint}"
     );
-    let sampler = differences(&[
+    let filtered = differences(&[
         bindings::FRAME,
         bindings::VOLUME_FILTERED,
         bindings::RAYCAST,
     ]);
     assert!(
-        sampler.contains("@binding(1): in the layout only"),
-        "sampler too many: {sampler}"
+        filtered.contains("@binding(0) atlas: the layout has"),
+        "a 3D atlas: {filtered}"
+    );
+    let more = differences(&[
+        bindings::FRAME,
+        bindings::VOLUME_FLOAT,
+        bindings::RAYCAST,
+        bindings::FRAME,
+    ]);
+    assert!(
+        more.contains("@group(3) @binding(0): in the layout only"),
+        "a group too many: {more}"
     );
     let short = differences(&[
         bindings::FRAME,

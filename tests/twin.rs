@@ -17,7 +17,7 @@ use brickscope::camera::Projection;
 use brickscope::engine::{EngineOptions, SampleFilter};
 use brickscope::geom::Lod;
 use brickscope::scene::{
-    Interpolation, LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique,
+    Interpolation, LodChoice, Mode, PictureSettings, PictureStats, Shading, ShadingModel, Technique,
 };
 use brickscope::volume::VoxelType;
 use compare::{TWIN_BOUND, assert_twins, coverage, difference};
@@ -211,6 +211,7 @@ fn sample_counts_are_those_of_the_reference() {
             "{}: samples without skipping",
             mode.name()
         );
+        assert_contributing(&gpu, &cpu, mode);
         s.technique = Technique::Default;
         let skipping = drawn(&store, &s).stats;
         assert_eq!(
@@ -223,6 +224,33 @@ fn sample_counts_are_those_of_the_reference() {
             skipping.samples < cpu.samples / 2,
             "{}: skipping skips the air",
             mode.name()
+        );
+    }
+}
+
+/// Whether a sample contributes is decided by comparing, which rounding may turn in one of a thousand.
+fn assert_contributing(gpu: &PictureStats, cpu: &PictureStats, mode: Mode) {
+    let of = |stats: &PictureStats| stats.samples_contributing.unwrap();
+    let (gpu, cpu) = (of(gpu), of(cpu));
+    assert!(
+        cpu > 1000 && gpu.abs_diff(cpu) <= cpu / 1000,
+        "{}: {gpu} contributing samples, the reference counts {cpu}",
+        mode.name()
+    );
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn surfaces_are_hit_as_often_as_by_the_reference() {
+    let store = phantom("phantom:body:100,70,110:u16");
+    let mut s = settings(&store.store, Mode::Iso);
+    s.size = [96, 96];
+    for technique in [Technique::Basic, Technique::Default] {
+        s.technique = technique;
+        assert_contributing(
+            &drawn(&store, &s).stats,
+            &reference(&store, &s).stats,
+            Mode::Iso,
         );
     }
 }

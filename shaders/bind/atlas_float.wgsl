@@ -1,22 +1,23 @@
-// The atlas, read by eight texel loads and interpolated by hand: exact, for every float or normalised format.
+// The atlas of f32 voxels, interpolated by hand: exact. A texture array, whose layers can be gathered from.
 
-@group(1) @binding(0) var atlas: texture_3d<f32>;
-@group(1) @binding(6) var atlas1: texture_3d<f32>;
-@group(1) @binding(7) var atlas2: texture_3d<f32>;
-@group(1) @binding(8) var atlas3: texture_3d<f32>;
+@group(1) @binding(0) var atlas: texture_2d_array<f32>;
+@group(1) @binding(1) var atlas_sampler: sampler;
+@group(1) @binding(6) var atlas1: texture_2d_array<f32>;
+@group(1) @binding(7) var atlas2: texture_2d_array<f32>;
+@group(1) @binding(8) var atlas3: texture_2d_array<f32>;
 
 // False where one texture holds all slots: software adapters would load from each.
 override MANY_ATLASES: bool = false;
 
-fn atlas_texel(texture: u32, at: vec3i) -> f32 {
+fn atlas_gather(texture: u32, at: vec2f, layer: i32) -> vec4f {
     if !MANY_ATLASES {
-        return textureLoad(atlas, at, 0).x;
+        return textureGather(0, atlas, atlas_sampler, at, layer);
     }
     switch texture {
-        case 1u: { return textureLoad(atlas1, at, 0).x; }
-        case 2u: { return textureLoad(atlas2, at, 0).x; }
-        case 3u: { return textureLoad(atlas3, at, 0).x; }
-        default: { return textureLoad(atlas, at, 0).x; }
+        case 1u: { return textureGather(0, atlas1, atlas_sampler, at, layer); }
+        case 2u: { return textureGather(0, atlas2, atlas_sampler, at, layer); }
+        case 3u: { return textureGather(0, atlas3, atlas_sampler, at, layer); }
+        default: { return textureGather(0, atlas, atlas_sampler, at, layer); }
     }
 }
 

@@ -30,6 +30,13 @@ fn brick_activity_of(grid: Grid, xyz: vec3i) -> u32 {
     return (brick_activity[number >> 4u] >> ((number & 15u) * 2u)) & 3u;
 }
 
+// No sample in the brick is greater. The last code stands for anything.
+fn brick_maximum(grid: Grid, xyz: vec3i) -> f32 {
+    let number = brick_number(grid, xyz);
+    let code = (brick_maxima[number >> 2u] >> ((number & 3u) * 8u)) & 255u;
+    return select(frame.value_floor + f32(code) * frame.maximum_scale, 3e38, code == 255u);
+}
+
 fn brick_word(grid: Grid, xyz: vec3i) -> u32 {
     return textureLoad(indirection, clamp(xyz, vec3i(0), grid.last) + grid.indirection_origin, 0).x;
 }

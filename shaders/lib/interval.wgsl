@@ -13,24 +13,28 @@ fn interval_distance(depth: f32, stretch: f32) -> f32 {
 // The raster is only a bound: the least start and the greatest end over 3×3 pixels, moved outward by one block
 // diagonal; the start is the near plane wherever the nearest back face is not behind the nearest front face (the three
 // steps of techniques.md T1.6 as one rule). Depth is 0 where nothing was drawn (nearest) or 1 (farthest).
+//
+// Nine texels by four gathers, each of the four texels around a corner: software adapters pay by the call.
 fn interval_of_pixel(pixel: vec2u, stretch: f32) -> vec2f {
     var nearest = 0.0;
     var farthest = 1.0;
     var from_near_plane = false;
-    for (var y = 0u; y < 3u; y++) {
-        for (var x = 0u; x < 3u; x++) {
-            // The depth buffers have a margin of one pixel around the tile.
-            let at = vec2i(pixel + vec2u(x, y));
-            let back = textureLoad(nearest_back, at, 0);
-            if back == 0.0 {
-                continue;
-            }
-            let front = textureLoad(nearest_front, at, 0);
-            farthest = min(farthest, textureLoad(farthest_back, at, 0));
-            nearest = max(nearest, front);
-            if front == 0.0
-                || interval_distance(back, stretch) <= interval_distance(front, stretch) + frame.slack_mm {
-                from_near_plane = true;
+    // The depth buffers have a margin of one pixel around the tile.
+    let texel = 1.0 / (vec2f(frame.tile_size) + 2.0);
+    for (var y = 1u; y < 3u; y++) {
+        for (var x = 1u; x < 3u; x++) {
+            let corner = vec2f(pixel + vec2u(x, y)) * texel;
+            let backs = textureGather(nearest_back, depth_sampler, corner);
+            let fronts = textureGather(nearest_front, depth_sampler, corner);
+            let ends = textureGather(farthest_back, depth_sampler, corner);
+            for (var k = 0u; k < 4u; k++) {
+                let back = backs[k];
+                let front = fronts[k];
+                let is_covered = back != 0.0;
+                farthest = select(farthest, min(farthest, ends[k]), is_covered);
+                nearest = select(nearest, max(nearest, front), is_covered);
+                from_near_plane |= is_covered && (front == 0.0
+                    || interval_distance(back, stretch) <= interval_distance(front, stretch) + frame.slack_mm);
             }
         }
     }

@@ -13,7 +13,6 @@ struct Grid {
     last: vec3i,
     first_number: u32,
     indirection_origin: vec3i,
-    lut_offset: u32,
 }
 
 fn grid_of(level: u32) -> Grid {
@@ -23,7 +22,6 @@ fn grid_of(level: u32) -> Grid {
     grid.last = vec3i(frame.levels[level].bricks.xyz) - 1;
     grid.first_number = frame.levels[level].bricks.w;
     grid.indirection_origin = vec3i(frame.levels[level].indirection_origin.xyz);
-    grid.lut_offset = frame.levels[level].lut_offset;
     return grid;
 }
 

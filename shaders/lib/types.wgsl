@@ -19,9 +19,8 @@ struct LevelUniforms {
     // First and last sample that are taken at this level.
     begin: i32,
     last: i32,
-    // Where the level's table begins in `lut`, entries.
-    lut_offset: u32,
     step_mm: f32,
+    pad: u32,
 }
 
 // One frame: the sample grid (scene::RayFrame), the classification's constants and the switches.
@@ -79,10 +78,18 @@ struct FrameUniforms {
     bits_at: u32,
     // What the host writes into `feedback` for a dispatch (FEEDBACK_LIMIT and others; then the list of work-groups).
     orders_at: u32,
-    pad1: u32,
+    // Step from a code of `brick_maxima` to the next, in stored values.
+    maximum_scale: f32,
     pad2: u32,
     pad3: u32,
     levels: array<LevelUniforms, MAX_LEVELS>,
+}
+
+// What the ray of a pixel did, as scene::RayCounts tells it.
+struct PixelCounts {
+    samples: u32,
+    skipped: u32,
+    contributing: u32,
 }
 
 // Where a ray stands between two dispatches.

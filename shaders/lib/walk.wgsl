@@ -4,6 +4,9 @@
 // A block's range covers half a voxel beyond its faces (6³ voxels), so that rounding in the DDA, far below half a voxel,
 // can only skip what another block's range has shown to be invisible.
 
+// Only what raises the ray's maximum is walked.
+override MAXIMUM: bool = false;
+
 struct Walk {
     // Searched up to here, and to be searched up to there, in samples.
     at: f32,
@@ -17,6 +20,8 @@ struct Walk {
     block_shift: vec3f,
     brick_scale: vec3f,
     brick_shift: vec3f,
+    // With MAXIMUM: the ray's greatest value so far.
+    greatest: f32,
     // The current run of samples, both inclusive.
     first: i32,
     last: i32,
@@ -72,6 +77,15 @@ fn walk_cross_brick(ray: Ray, walk: ptr<function, Walk>, brick: vec3i) {
     (*walk).at = max((*walk).at, at);
 }
 
+// BRICK_* bits of a brick for this ray.
+fn walk_activity(ray: Ray, walk: Walk, brick: vec3i) -> u32 {
+    let activity = brick_activity_of(ray.grid, brick);
+    if MAXIMUM && brick_maximum(ray.grid, brick) <= walk.greatest {
+        return BRICK_EMPTY;
+    }
+    return activity;
+}
+
 // Finds the next run; false when there is none. The caller takes samples walk.first ..= walk.last.
 fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
     let bricks = ray.grid.last + 1;
@@ -83,19 +97,19 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         if any(brick < vec3i(0)) || any(brick >= bricks) {
             return false;
         }
-        let activity = brick_activity_of(ray.grid, brick);
+        let activity = walk_activity(ray, *walk, brick);
         if activity == BRICK_EMPTY || activity == BRICK_EMPTY_ABOVE {
             walk_cross_brick(ray, walk, brick);
             continue;
         }
         let entry = (*walk).at;
         if activity == BRICK_FULL {
-            // Neighbouring full bricks are one run.
+            // Neighbouring full bricks are one run; but what one of them yields may rule out the next.
             var full = brick;
             loop {
                 walk_cross_brick(ray, walk, full);
                 full = (*walk).block >> vec3u(BLOCKS_SHIFT);
-                if (*walk).at > (*walk).end || any(full < vec3i(0)) || any(full >= bricks)
+                if MAXIMUM || (*walk).at > (*walk).end || any(full < vec3i(0)) || any(full >= bricks)
                     || brick_activity_of(ray.grid, clamp(full, vec3i(0), bricks - 1)) != BRICK_FULL {
                     break;
                 }

@@ -9,10 +9,11 @@
 @group(2) @binding(2) var farthest_back: texture_depth_2d;
 // Per pixel of the tile: premultiplied colour and opacity.
 @group(2) @binding(3) var<storage, read_write> picture: array<vec4f>;
-// Per pixel of the tile: samples taken, samples skipped.
-@group(2) @binding(4) var<storage, read_write> counts: array<vec2u>;
+// Per pixel of the tile.
+@group(2) @binding(4) var<storage, read_write> counts: array<PixelCounts>;
 // Per pixel of the tile; zeros before the first dispatch.
 @group(2) @binding(5) var<storage, read_write> rays: array<RayState>;
+@group(2) @binding(7) var depth_sampler: sampler;
 // lib/feedback.wgsl.
 @group(2) @binding(6) var<storage, read_write> feedback: array<atomic<u32>>;
 
@@ -40,6 +41,7 @@ struct Cast {
     // Samples at levels that are done are in here.
     skipped: u32,
     samples: u32,
+    contributing: u32,
     // After so many samples the ray goes on in the next dispatch.
     limit: u32,
     // A brick was missing; the ray waits for it; it has used up the dispatch's samples.
@@ -61,6 +63,15 @@ fn cast_order(word: u32) -> u32 {
     return atomicLoad(&feedback[frame.orders_at + word]);
 }
 
+// The pixel of an invocation in its work-group. Eight in a row of invocations are 4×2 pixels: a software adapter runs them
+// as one, and what they do differs the less the nearer they are.
+fn cast_place(local: vec3u) -> vec2u {
+    let index = local.y * GROUP_WIDTH + local.x;
+    let block = index >> 3u;
+    let blocks_wide = GROUP_WIDTH >> 2u;
+    return vec2u((block % blocks_wide) * 4u + (index & 3u), (block / blocks_wide) * 2u + ((index >> 2u) & 1u));
+}
+
 // The ray of an invocation, at its beginning or where it stopped. The host lists the work-groups that have something to do.
 fn cast_begin(
     group: vec3u,
@@ -71,7 +82,7 @@ fn cast_begin(
     var caster: Cast;
     caster.group = cast_order(FEEDBACK_GROUPS + group.x);
     let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
-    caster.tile_pixel = vec2u(caster.group % groups_wide, caster.group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + local.xy;
+    caster.tile_pixel = vec2u(caster.group % groups_wide, caster.group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + cast_place(local);
     caster.pixel = frame.tile_origin + caster.tile_pixel;
     caster.limit = cast_order(FEEDBACK_LIMIT);
     caster.skips = cast_order(FEEDBACK_SKIP) != 0u;
@@ -111,7 +122,9 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool
         }
         (*caster).skipped += cast_skipped(*caster, *walk);
         (*caster).ray = ray_for_pixel((*caster).pixel, (*caster).ray.grid.level + 1u);
+        let greatest = (*walk).greatest;
         *walk = walk_begin((*caster).ray, cast_interval(*caster), 0);
+        (*walk).greatest = greatest;
     }
     return false;
 }
@@ -181,7 +194,9 @@ fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extre
     let is_pending = caster.stopped || caster.paused;
     // A level that is left behind for good was skipped where no samples were taken.
     let skipped = caster.skipped + select(walk.skipped, cast_skipped(caster, walk), !is_pending && (flags & RAY_ENDED) == 0u);
-    counts[caster.at] += vec2u(caster.samples, skipped);
+    counts[caster.at].samples += caster.samples;
+    counts[caster.at].skipped += skipped;
+    counts[caster.at].contributing += caster.contributing;
     if DRAFT {
         if caster.missed {
             feedback_pending(caster.at, caster.group, true);
@@ -231,9 +246,11 @@ fn cast_dvr(
                 let classified = classify_value(caster.ray.grid, sample_value(source.brick, at));
                 var color = classified.rgb;
                 if SHADED {
-                    color = shade_phong(color, sample_gradient(source.brick, at), caster.ray.direction);
+                    let gradient = sample_gradient(source.brick, at, classified.a > 0.0);
+                    color = shade_phong(color, gradient, caster.ray.direction);
                 }
                 sum += vec4f(color, 1.0) * ((1.0 - sum.a) * classified.a);
+                caster.contributing += u32(classified.a > 0.0);
                 caster.samples += 1u;
                 i += 1;
                 offset = ray_offset(caster.ray, f32(i));
@@ -264,6 +281,7 @@ fn cast_mip(
     var greatest = max(frame.value_floor, select(frame.value_floor, state.extreme, (state.flags & RAY_INSIDE) != 0u));
     var is_inside = caster.ray.first <= caster.ray.last || (state.flags & RAY_INSIDE) != 0u;
     var i = state.next;
+    walk.greatest = greatest;
     var more = cast_next_run(&caster, &walk);
     while more {
         is_inside = true;
@@ -276,7 +294,9 @@ fn cast_mip(
                 break;
             }
             loop {
-                greatest = max(greatest, sample_value(source.brick, source_offset(source, f32(i))));
+                let value = sample_value(source.brick, source_offset(source, f32(i)));
+                caster.contributing += u32(value > greatest);
+                greatest = max(greatest, value);
                 caster.samples += 1u;
                 i += 1;
                 offset = ray_offset(caster.ray, f32(i));
@@ -289,6 +309,7 @@ fn cast_mip(
                 break;
             }
         }
+        walk.greatest = greatest;
         more = !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
     }
     // At a coarser level the ray may be inside where it was not before.
@@ -351,7 +372,11 @@ fn cast_iso(
     let surface = refine_hit(&caster, f32(before), above_before, hit);
     var color = frame.iso_color.rgb;
     if SHADED {
-        let gradient = sample_gradient(surface.source.brick, source_offset(surface.source, surface.index));
+        let gradient = sample_gradient(
+            surface.source.brick,
+            source_offset(surface.source, surface.index),
+            hit,
+        );
         color = shade_phong(color, gradient, caster.ray.direction);
     }
     if hit && caster.stopped {
@@ -362,6 +387,7 @@ fn cast_iso(
         above_before = !above_before;
         caster.samples -= 1u;
     }
+    caster.contributing = u32(hit);
     let flags = select(0u, RAY_ENDED, hit) | select(0u, RAY_ABOVE, above_before)
         | select(0u, RAY_HAS_BEFORE, before == i - 1);
     cast_end(caster, walk, select(vec4f(0.0), vec4f(color, 1.0), hit), i, flags, 0.0);
@@ -380,11 +406,17 @@ fn refine_hit(caster: ptr<function, Cast>, index: f32, above: bool, hit: bool) -
     if REFINED {
         at = index - 0.5;
         var reach = 0.25;
-        for (var k = 0; k < 6; k++) {
+        var k = 0;
+        loop {
             let source = probe(caster, at, hit, false);
             let beyond = (sample_value(source.brick, source_offset(source, at)) >= frame.iso) == above;
             at += select(reach, -reach, beyond);
             reach *= 0.5;
+            k += 1;
+            // Where no ray of a group has hit anything, once is enough.
+            if k == 6 || !hit {
+                break;
+            }
         }
     }
     return Hit(at, probe(caster, at, hit, SHADED));

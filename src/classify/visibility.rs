@@ -1,8 +1,8 @@
 //! "Can a value in [lo, hi] be seen?", in constant time: the question that decides which blocks and bricks exist for the
 //! renderer.
 //!
-//! Conservative by construction: it looks at the very table that is rendered with, the range widened outward by a few f32
-//! roundings, so that it never says no where a sample drawn from the range would show.
+//! Conservative by construction: it looks at the very table that is rendered with, the range widened outward by one
+//! entry and by a few f32 roundings, so that it never says no where a sample drawn from the range would show.
 
 use super::lut::{LUT_ENTRIES, Lut};
 
@@ -82,16 +82,21 @@ impl OpacityTable {
     /// False only if no value from `lo` to `hi` has opacity.
     fn is_visible(&self, lo: f32, hi: f32) -> bool {
         let slack = ROUNDINGS * f32::EPSILON * lo.abs().max(hi.abs());
-        // Lut::index; a value reads the entry at or below its index, and the next one unless it is right on one. Both the
-        // index and the interpolation round monotonously: beyond the slack no widening is needed, and with one air right
-        // at the foot of a ramp would count as visible (ARCHITECTURE.md, "Decisions").
-        let index = |v: f32| {
-            ((v - self.lo) * self.scale)
-                .max(0.0)
-                .min((LUT_ENTRIES - 1) as f32)
+        let place = |v: f32| (v - self.lo) * self.scale;
+        let last = LUT_ENTRIES - 1;
+        // Lut::index, and one entry outward: floor − 1 below, floor + 1 (the other end of the line) + 1 above. Values at
+        // and beyond the table's ends read the end entries alone, exactly: air at the foot of a ramp can't be seen.
+        let index = |v: f32| place(v).max(0.0).min(last as f32) as usize;
+        let first = if place(lo - slack) >= last as f32 {
+            last
+        } else {
+            index(lo - slack).saturating_sub(1)
         };
-        let first = index(lo - slack).floor() as usize;
-        let end = index(hi + slack).ceil() as usize + 1;
+        let end = if place(hi + slack) <= 0.0 {
+            1
+        } else {
+            (index(hi + slack) + 3).min(LUT_ENTRIES)
+        };
         self.before[end] > self.before[first]
     }
 }
@@ -162,6 +167,17 @@ mod tests {
             unit_mm: 1.0,
         };
         Lut::bake(&tf, (1.0, 0.0), domain, correction)
+    }
+
+    #[test]
+    fn air_at_the_foot_of_a_ramp_is_invisible() {
+        let ramp = crate::classify::grey_ramp(0.0, 255.0, 0.06).unwrap();
+        let lut = Lut::bake(&ramp, (1.0, 0.0), [0.0, 255.0], OpacityCorrection::None);
+        let table = Visibility::opacity(&lut);
+        assert!(!table.is_visible(0.0, 0.0), "opacity 0 exactly");
+        assert!(!table.is_visible(-3.0, -0.1), "below the table");
+        assert!(table.is_visible(0.0, 1e-3), "a hair above");
+        assert!(table.is_visible(255.0, 300.0), "the top entry");
     }
 
     proptest! {

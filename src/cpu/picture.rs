@@ -286,7 +286,7 @@ fn scene_of(picture: &CpuPicture) -> Scene<'_> {
             .map_or([1.0; 3], |s| s.color.to_array()),
         refine: settings.refine,
         opacity_cutoff: settings.opacity_cutoff,
-        floor: classified.unseen[0],
+        floor: classified.value_floor,
         culls: settings.technique == Technique::Default,
     }
 }

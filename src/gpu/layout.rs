@@ -45,8 +45,8 @@ shared! {
         indirection_origin: [u32; 4],
         begin: i32,
         last: i32,
-        lut_offset: u32,
         step_mm: f32,
+        pad: u32,
     }
 }
 
@@ -87,10 +87,20 @@ shared! {
         stamps_at: u32,
         bits_at: u32,
         orders_at: u32,
-        pad1: u32,
+        maximum_scale: f32,
         pad2: u32,
         pad3: u32,
         levels: [LevelUniforms; MAX_LEVELS as usize],
+    }
+}
+
+shared! {
+    /// What the ray of a pixel did, as `shaders/lib/types.wgsl` documents it field by field.
+    #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
+    PixelCounts as PIXEL_COUNTS {
+        samples: u32,
+        skipped: u32,
+        contributing: u32,
     }
 }
 
@@ -106,7 +116,8 @@ shared! {
 }
 
 /// All shared structs.
-pub const SHARED_STRUCTS: &[SharedStruct] = &[LEVEL_UNIFORMS, FRAME_UNIFORMS, RAY_STATE];
+pub const SHARED_STRUCTS: &[SharedStruct] =
+    &[LEVEL_UNIFORMS, FRAME_UNIFORMS, PIXEL_COUNTS, RAY_STATE];
 
 macro_rules! constants {
     ($($(#[$meta:meta])* $name:ident = $value:expr;)*) => {

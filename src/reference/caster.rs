@@ -54,7 +54,7 @@ pub fn render(
                         readers,
                         settings,
                         iso: classified.iso_stored,
-                        floor: classified.unseen[0],
+                        value_floor: classified.value_floor,
                         counts: RayCounts::default(),
                     };
                     row.push(match settings.mode {
@@ -152,8 +152,7 @@ struct Caster<'r, 'f, 'a> {
     readers: &'r mut [FieldReader<'f>],
     settings: &'a PictureSettings,
     iso: f32,
-    /// In mode mip: the volume's least value.
-    floor: f32,
+    value_floor: f32,
     counts: RayCounts,
 }
 
@@ -215,9 +214,9 @@ impl Caster<'_, '_, '_> {
             for i in ray.first..=ray.last.min(level.end as i32 - 1) {
                 self.counts.samples += 1;
                 let value = self.value(l, level, ray.offset(i as f32));
-                let (before, _) = *greatest.get_or_insert((self.floor, lut));
-                if value > before {
-                    self.counts.contributing += 1;
+                if greatest.is_none_or(|(g, _): (f32, _)| value > g) {
+                    // The volume's minimum is where a maximum begins.
+                    self.counts.contributing += u64::from(value > self.value_floor);
                     greatest = Some((value, lut));
                 }
             }

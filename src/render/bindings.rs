@@ -47,6 +47,10 @@ const fn volume(sample_type: TextureSampleType) -> BindingType {
     texture(sample_type, TextureViewDimension::D3)
 }
 
+const fn slices(sample_type: TextureSampleType) -> BindingType {
+    texture(sample_type, TextureViewDimension::D2Array)
+}
+
 const READ: BindingType = buffer(BufferBindingType::Storage { read_only: true });
 const WRITE: BindingType = buffer(BufferBindingType::Storage { read_only: false });
 const DEPTH: BindingType = texture(TextureSampleType::Depth, TextureViewDimension::D2);
@@ -55,20 +59,22 @@ const PAGE_TABLE: BindGroupLayoutEntry = compute(2, volume(TextureSampleType::Ui
 const CONSTANTS: BindGroupLayoutEntry = compute(3, READ);
 const ACTIVITY: BindGroupLayoutEntry = compute(4, READ);
 const OCCUPANCY: BindGroupLayoutEntry = compute(5, READ);
+const MAXIMA: BindGroupLayoutEntry = compute(9, READ);
 
-/// Entries of group 1: the first atlas texture, a sampler where there is one, the tables, the other atlas textures.
+/// Entries of group 1: the first atlas texture, its sampler, the tables, the other atlas textures.
 macro_rules! volume_entries {
-    ($sample:expr $(, $sampler:expr)?) => {
+    ($texture:expr, $sampler:expr) => {
         &[
-            compute(0, volume($sample)),
-            $($sampler,)?
+            compute(0, $texture),
+            compute(1, BindingType::Sampler($sampler)),
             PAGE_TABLE,
             CONSTANTS,
             ACTIVITY,
             OCCUPANCY,
-            compute(6, volume($sample)),
-            compute(7, volume($sample)),
-            compute(8, volume($sample)),
+            compute(6, $texture),
+            compute(7, $texture),
+            compute(8, $texture),
+            MAXIMA,
         ]
     };
 }
@@ -80,20 +86,32 @@ pub const FRAME: Entries = &[
         ShaderStages::VERTEX_FRAGMENT.union(ShaderStages::COMPUTE),
         buffer(BufferBindingType::Uniform),
     ),
-    compute(1, READ),
+    compute(
+        1,
+        texture(
+            TextureSampleType::Float { filterable: false },
+            TextureViewDimension::D2,
+        ),
+    ),
 ];
 
 /// Group 1: `bind/volume.wgsl` with `bind/atlas_filtered.wgsl`.
 pub const VOLUME_FILTERED: Entries = volume_entries!(
-    TextureSampleType::Float { filterable: true },
-    compute(1, BindingType::Sampler(SamplerBindingType::Filtering))
+    volume(TextureSampleType::Float { filterable: true }),
+    SamplerBindingType::Filtering
 );
 
 /// Group 1: `bind/volume.wgsl` with `bind/atlas_float.wgsl`.
-pub const VOLUME_FLOAT: Entries = volume_entries!(TextureSampleType::Float { filterable: false });
+pub const VOLUME_FLOAT: Entries = volume_entries!(
+    slices(TextureSampleType::Float { filterable: false }),
+    SamplerBindingType::NonFiltering
+);
 
 /// Group 1: `bind/volume.wgsl` with `bind/atlas_uint.wgsl`.
-pub const VOLUME_UINT: Entries = volume_entries!(TextureSampleType::Uint);
+pub const VOLUME_UINT: Entries = volume_entries!(
+    slices(TextureSampleType::Uint),
+    SamplerBindingType::NonFiltering
+);
 
 /// Group 2 of the caster: `pass/raycast.wgsl`.
 pub const RAYCAST: Entries = &[
@@ -104,6 +122,7 @@ pub const RAYCAST: Entries = &[
     compute(4, WRITE),
     compute(5, WRITE),
     compute(6, WRITE),
+    compute(7, BindingType::Sampler(SamplerBindingType::NonFiltering)),
 ];
 
 /// Group 2 of the bare caster: `pass/bare.wgsl`.

@@ -24,8 +24,6 @@ pub struct FrameInputs<'a> {
     pub classified: &'a Classified,
     /// The switches.
     pub settings: &'a PictureSettings,
-    /// The volume's least stored value.
-    pub value_floor: f32,
     /// Mesh interval, brick and block skipping? Without, every sample of every ray is taken.
     pub skip: bool,
 }
@@ -56,7 +54,7 @@ const LUT_BYTES: u64 = LUT_ENTRIES as u64 * 16;
 #[derive(Debug)]
 pub(super) struct FrameBindings {
     uniforms: wgpu::Buffer,
-    lut: wgpu::Buffer,
+    lut: wgpu::Texture,
     pub(super) layout: wgpu::BindGroupLayout,
     pub(super) group: wgpu::BindGroup,
 }
@@ -65,24 +63,27 @@ impl FrameBindings {
     /// Bindings for frames of at most `levels` levels.
     pub(super) fn new(gpu: &GpuContext, levels: usize) -> Self {
         let device = &gpu.device;
-        let buffer = |label, size: usize, usage| {
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: size as u64,
-                usage: usage | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            })
-        };
-        let uniforms = buffer(
-            "frame.uniforms",
-            size_of::<FrameUniforms>(),
-            wgpu::BufferUsages::UNIFORM,
-        );
-        let lut = buffer(
-            "frame.lut",
-            levels * LUT_BYTES as usize,
-            wgpu::BufferUsages::STORAGE,
-        );
+        let uniforms = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("frame.uniforms"),
+            size: size_of::<FrameUniforms>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let lut = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("frame.lut"),
+            size: wgpu::Extent3d {
+                width: LUT_ENTRIES as u32,
+                height: levels as u32,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba32Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let lut_view = lut.create_view(&wgpu::TextureViewDescriptor::default());
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame.layout"),
             entries: bindings::FRAME,
@@ -97,7 +98,7 @@ impl FrameBindings {
                 },
                 wgpu::BindGroupEntry {
                     binding: 1,
-                    resource: lut.as_entire_binding(),
+                    resource: wgpu::BindingResource::TextureView(&lut_view),
                 },
             ],
         });
@@ -115,10 +116,26 @@ impl FrameBindings {
     }
 
     pub(super) fn write_tables(&self, gpu: &GpuContext, classified: &Classified) {
-        let places = (0..).step_by(LUT_BYTES as usize);
-        for (level, place) in classified.levels.iter().zip(places) {
-            let bytes = bytemuck::cast_slice(level.lut.entries());
-            gpu.queue.write_buffer(&self.lut, place, bytes);
+        for (row, level) in (0..).zip(&classified.levels) {
+            gpu.queue.write_texture(
+                wgpu::TexelCopyTextureInfo {
+                    texture: &self.lut,
+                    mip_level: 0,
+                    origin: wgpu::Origin3d { x: 0, y: row, z: 0 },
+                    aspect: wgpu::TextureAspect::All,
+                },
+                bytemuck::cast_slice(level.lut.entries()),
+                wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(LUT_BYTES as u32),
+                    rows_per_image: None,
+                },
+                wgpu::Extent3d {
+                    width: LUT_ENTRIES as u32,
+                    height: 1,
+                    depth_or_array_layers: 1,
+                },
+            );
         }
     }
 
@@ -168,6 +185,7 @@ fn uniforms(
         stamps_at: places.stamps,
         bits_at: places.bits,
         orders_at: places.orders,
+        maximum_scale: volume.maximum_scale(),
         ..of_rays
     }
 }
@@ -178,7 +196,6 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
         rays,
         classified,
         settings,
-        value_floor,
         ..
     } = *inputs;
     let depth = DepthRange::new(rays);
@@ -189,8 +206,8 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
     let iso_color = settings.classification.iso.map_or(Vec3::ONE, |s| s.color);
     let mesh_level = rays.coarsest_used();
     let mut levels = [LevelUniforms::default(); MAX_LEVELS as usize];
-    for ((number, level), uniforms) in rays.levels.iter().enumerate().zip(&mut levels) {
-        *uniforms = level_uniforms(number, level, settings.mode);
+    for (level, uniforms) in rays.levels.iter().zip(&mut levels) {
+        *uniforms = level_uniforms(level, settings.mode);
     }
     FrameUniforms {
         world_dir: rays.world_dir.map(padded),
@@ -215,7 +232,7 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
         lut_lo,
         lut_scale,
         lut_last: (table.entries().len() - 1) as f32,
-        value_floor,
+        value_floor: classified.value_floor,
         empty_below: classified.unseen[0],
         empty_above: classified.unseen[1],
         used_levels: rays.used_levels as u32,
@@ -226,7 +243,7 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
 }
 
 /// A level, but for its bricks.
-fn level_uniforms(number: usize, level: &LevelFrame, mode: Mode) -> LevelUniforms {
+fn level_uniforms(level: &LevelFrame, mode: Mode) -> LevelUniforms {
     // A segment that ends at a switch is sampled at both ends by the finer level; only surfaces are found by segment.
     let last = match mode {
         Mode::Iso => level.end as i32,
@@ -244,7 +261,6 @@ fn level_uniforms(number: usize, level: &LevelFrame, mode: Mode) -> LevelUniform
         anchor: level.anchor.extend(0).to_array(),
         begin: level.begin as i32,
         last,
-        lut_offset: (number * LUT_ENTRIES) as u32,
         step_mm: level.step_mm,
         ..LevelUniforms::default()
     }

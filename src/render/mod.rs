@@ -15,4 +15,4 @@ pub use feedback::{Feedback, MissedBrick, PendingFeedback};
 pub use frame::{FrameInputs, Tile};
 pub use passes::{BareCaster, DenseLevel};
 pub use renderer::{Cast, Renderer, TILE_EDGE};
-pub use residency::{Activity, AtlasPlan, Residency, SampleFilter};
+pub use residency::{Activity, AtlasPlan, MaximumCodes, Residency, SampleFilter};

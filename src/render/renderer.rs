@@ -3,14 +3,16 @@
 
 use std::collections::BTreeMap;
 
-use glam::Vec4;
+use glam::{UVec3, Vec4};
 
 use super::feedback::{Feedback, PendingFeedback};
 use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
 use super::passes::{BoundsPass, BoundsTargets, MeshBuffers, RaycastPass, RaycastTargets};
 use super::residency::Residency;
+use crate::geom::morton;
 use crate::gpu::layout::{
-    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_SKIP, MAX_GROUPS, RayState,
+    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_SKIP, MAX_GROUPS, PixelCounts,
+    RayState,
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
@@ -252,7 +254,7 @@ impl Renderer {
         self.frame.write(gpu, inputs, volume, &params);
         let places = volume.feedback_places();
         let groups = if gpu.caps.is_software {
-            spread(cast.groups)
+            spread(cast.groups, Self::groups_wide(tile))
         } else {
             cast.groups.to_vec()
         };
@@ -346,11 +348,15 @@ impl Renderer {
             gpu,
             [
                 (&targets.raycast.picture, 0, pixels * 16),
-                (&targets.raycast.counts, 0, pixels * 8),
+                (
+                    &targets.raycast.counts,
+                    0,
+                    pixels * size_of::<PixelCounts>() as u64,
+                ),
             ],
         )?;
         let colors: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&colors);
-        let counts: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&counts);
+        let counts: Vec<PixelCounts> = bytemuck::pod_collect_to_vec(&counts);
         let (stride, kept) = (tile.size[0] as usize, tile.part_size[0] as usize);
         let mut sums = RayCounts::default();
         for row in 0..tile.part_size[1] as usize {
@@ -360,9 +366,12 @@ impl Renderer {
             for (pixel, color) in image.pixels[to..to + kept].iter_mut().zip(&colors[from..]) {
                 *pixel = Vec4::from_array(*color);
             }
-            for [samples, skipped] in &counts[from..from + kept] {
-                sums.samples += u64::from(*samples);
-                sums.skipped += u64::from(*skipped);
+            for counts in &counts[from..from + kept] {
+                sums += RayCounts {
+                    samples: counts.samples.into(),
+                    skipped: counts.skipped.into(),
+                    contributing: counts.contributing.into(),
+                };
             }
         }
         Ok(sums)
@@ -398,12 +407,20 @@ fn encoder(gpu: &GpuContext, label: &str) -> wgpu::CommandEncoder {
         .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
 }
 
-/// The work-groups in an order that spreads neighbours far apart: software adapters give each thread a contiguous range of
-/// the dispatch, and the costly parts of a picture lie together.
-fn spread(groups: &[u32]) -> Vec<u32> {
-    let stride = spreading_stride(groups.len());
-    (0..groups.len())
-        .map(|i| groups[i * stride % groups.len()])
+/// Work-groups that stay together: a square of 4×4 of them.
+const TOGETHER: usize = 16;
+
+/// The work-groups of a tile `wide` of them wide, in an order for software adapters. These give each thread a contiguous
+/// range of the dispatch, and the costly parts of a picture lie together: squares of work-groups are spread far apart.
+/// Inside a square neighbours follow each other, so that the second finds in the caches what the first has read.
+fn spread(groups: &[u32], wide: u32) -> Vec<u32> {
+    let mut near = groups.to_vec();
+    near.sort_unstable_by_key(|&g| morton(UVec3::new(g % wide, g / wide, 0)));
+    let squares: Vec<&[u32]> = near.chunks(TOGETHER).collect();
+    let stride = spreading_stride(squares.len());
+    (0..squares.len())
+        .flat_map(|i| squares[i * stride % squares.len()])
+        .copied()
         .collect()
 }
 
@@ -429,7 +446,7 @@ mod tests {
     fn every_group_is_met_once() {
         for count in [1_u32, 2, 3, 7, 8, 64, 1000, 4096, 128 * 96, 1 << 14] {
             let groups: Vec<u32> = (0..count).map(|g| g * 3).collect();
-            let mut met = spread(&groups);
+            let mut met = spread(&groups, 37);
             met.sort_unstable();
             assert_eq!(met, groups, "{count} groups");
         }

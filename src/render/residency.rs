@@ -45,28 +45,68 @@ pub(super) struct AtlasFormat {
 
 impl AtlasFormat {
     pub(super) fn new(stored: StoredType, filter: SampleFilter, caps: &Caps) -> Self {
-        let (format, filterable, value_scale) = match stored {
-            StoredType::U8 => (wgpu::TextureFormat::R8Unorm, true, 255.0),
-            StoredType::U16 if caps.unorm16 => (wgpu::TextureFormat::R16Unorm, true, 65535.0),
-            StoredType::U16 => {
-                return Self {
-                    format: wgpu::TextureFormat::R16Uint,
-                    kind: AtlasKind::Uint,
-                    value_scale: 1.0,
-                };
-            }
-            StoredType::F32 => (wgpu::TextureFormat::R32Float, caps.float32_filterable, 1.0),
-        };
-        let kind = if filter == SampleFilter::Hardware && filterable {
-            AtlasKind::Filtered
-        } else {
-            AtlasKind::Float
+        use AtlasKind::{Filtered, Float, Uint};
+        use wgpu::TextureFormat::{R8Uint, R8Unorm, R16Uint, R16Unorm, R32Float};
+        let filter = filter == SampleFilter::Hardware;
+        let (format, kind, value_scale) = match stored {
+            StoredType::U8 if filter => (R8Unorm, Filtered, 255.0),
+            StoredType::U8 => (R8Uint, Uint, 1.0),
+            StoredType::U16 if filter && caps.unorm16 => (R16Unorm, Filtered, 65535.0),
+            StoredType::U16 => (R16Uint, Uint, 1.0),
+            StoredType::F32 if filter && caps.float32_filterable => (R32Float, Filtered, 1.0),
+            StoredType::F32 => (R32Float, Float, 1.0),
         };
         Self {
             format,
             kind,
             value_scale,
         }
+    }
+
+    /// The hardware filters along z in 3D textures only; exact sampling gathers, which it can from slices only.
+    pub(super) fn dimension(&self) -> wgpu::TextureDimension {
+        match self.kind {
+            AtlasKind::Filtered => wgpu::TextureDimension::D3,
+            AtlasKind::Float | AtlasKind::Uint => wgpu::TextureDimension::D2,
+        }
+    }
+}
+
+/// Greatest values of bricks in eight bits, rounded up: floor + code · scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MaximumCodes {
+    floor: f32,
+    scale: f32,
+}
+
+impl MaximumCodes {
+    /// Stands for any value.
+    const ANY: u8 = 255;
+
+    /// Codes for a volume whose stored values lie in `range`.
+    pub fn new(range: [f32; 2]) -> Self {
+        // The greatest value itself has the last code but one.
+        let scale = (range[1] - range[0]) / f32::from(Self::ANY - 1) * (1.0 + 1e-5);
+        Self {
+            floor: range[0],
+            // Without a scale every code is ANY.
+            scale: if scale.is_finite() { scale } else { 0.0 },
+        }
+    }
+
+    /// The code of a brick in which no voxel is greater than `maximum`: interpolation may round above it.
+    pub fn code(&self, maximum: f32) -> u8 {
+        let bound = maximum + 16.0 * f32::EPSILON * maximum.abs().max(self.floor.abs());
+        let code = ((bound - self.floor) / self.scale).ceil();
+        // Written so that what is no number is any value.
+        if code >= 0.0 && code < f32::from(Self::ANY) {
+            let code = code as u8;
+            if self.floor + f32::from(code) * self.scale >= bound {
+                return code;
+            }
+            return code + 1;
+        }
+        Self::ANY
     }
 }
 
@@ -152,6 +192,9 @@ pub struct Residency {
     activity_words: Vec<u32>,
     activity_changed: Changed,
     occupancy: wgpu::Buffer,
+    /// Codes of the bricks' greatest values.
+    maxima: wgpu::Buffer,
+    codes: MaximumCodes,
     pub(super) feedback: wgpu::Buffer,
     places: FeedbackPlaces,
     dispatches: u32,
@@ -183,8 +226,15 @@ impl Residency {
     /// Most bricks of a volume, all levels together: tables are flat (design.md §5).
     pub const MAX_BRICKS: u64 = 100_000_000;
 
-    /// Most slots along an axis of a texture: places are packed in nine bits.
-    pub const MAX_AXIS_SLOTS: u32 = 511;
+    /// Texels along an axis of an atlas texture, at most.
+    pub fn max_atlas_edge(caps: &Caps) -> u32 {
+        // Slots' places are packed in nine bits.
+        const MAX_SLOTS: u32 = 511;
+        caps.limits
+            .max_texture_dimension_3d
+            .min(caps.limits.max_texture_array_layers)
+            .min(MAX_SLOTS * STORED_EDGE)
+    }
 
     /// Values of constant bricks that a residency begins with room for.
     const CONSTANTS: usize = 1 << 12;
@@ -199,6 +249,7 @@ impl Residency {
         );
         u64::from(s.x) * u64::from(s.y) * u64::from(s.z) * 4
             + bricks.div_ceil(16) * 4
+            + bricks
             + Self::CONSTANTS as u64 * 4
             + slots * 64
             + places.bytes()
@@ -215,6 +266,7 @@ impl Residency {
         filter: SampleFilter,
         plan: AtlasPlan,
         grids: Vec<BrickGrid>,
+        codes: MaximumCodes,
     ) -> Result<Self, GpuError> {
         let size = indirection_size(&grids);
         let bricks = brick_count(&grids);
@@ -249,7 +301,7 @@ impl Residency {
             .collect();
         gpu.checked("allocating the atlas", || {
             let device = &gpu.device;
-            let texture = |label, size: UVec3, format| {
+            let texture = |label, size: UVec3, dimension, format| {
                 device.create_texture(&wgpu::TextureDescriptor {
                     label: Some(label),
                     size: wgpu::Extent3d {
@@ -259,7 +311,7 @@ impl Residency {
                     },
                     mip_level_count: 1,
                     sample_count: 1,
-                    dimension: wgpu::TextureDimension::D3,
+                    dimension,
                     format,
                     usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
                     view_formats: &[],
@@ -272,10 +324,15 @@ impl Residency {
                     } else {
                         UVec3::ONE
                     };
-                    texture("residency.atlas", texels, format.format)
+                    texture("residency.atlas", texels, format.dimension(), format.format)
                 })
                 .collect();
-            let indirection = texture("residency.indirection", size, wgpu::TextureFormat::R32Uint);
+            let indirection = texture(
+                "residency.indirection",
+                size,
+                wgpu::TextureDimension::D3,
+                wgpu::TextureFormat::R32Uint,
+            );
             let activity_words = vec![0xaaaa_aaaa; bricks.div_ceil(16) as usize];
             const {
                 assert!(BRICK_FULL == 2, "every pair of bits of 0xaaaaaaaa");
@@ -293,6 +350,7 @@ impl Residency {
                 activity_words.len() as u64 * 4,
                 usage,
             );
+            let maxima = buffer(gpu, "residency.maxima", bricks, usage);
             let occupancy = buffer(gpu, "residency.occupancy", plan.slot_count() * 64, usage);
             let feedback = buffer(
                 gpu,
@@ -308,22 +366,9 @@ impl Residency {
                     AtlasKind::Uint => bindings::VOLUME_UINT,
                 },
             });
-            let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("residency.sampler"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            });
-            let tables = [&constants, &activity, &occupancy];
-            let group = bind(
-                gpu,
-                &layout,
-                format.kind,
-                &atlases,
-                &sampler,
-                &indirection,
-                tables,
-            );
+            let sampler = atlas_sampler(gpu, format.kind);
+            let tables = [&constants, &activity, &occupancy, &maxima];
+            let group = bind(gpu, &layout, &atlases, &sampler, &indirection, tables);
             Ok(Self {
                 plan,
                 format,
@@ -340,6 +385,8 @@ impl Residency {
                 activity_words,
                 activity_changed: Changed::All,
                 occupancy,
+                maxima,
+                codes,
                 feedback,
                 places,
                 dispatches: 0,
@@ -367,6 +414,7 @@ impl Residency {
             + self.constants.size()
             + self.activity.size()
             + self.occupancy.size()
+            + self.maxima.size()
             + self.feedback.size()
             + self.places.report_bytes()
     }
@@ -392,6 +440,10 @@ impl Residency {
 
     pub(super) fn value_scale(&self) -> f32 {
         self.format.value_scale
+    }
+
+    pub(super) fn maximum_scale(&self) -> f32 {
+        self.codes.scale
     }
 
     pub(super) fn level_bricks(&self, lod: Lod) -> UVec3 {
@@ -568,11 +620,15 @@ impl Residency {
             self.group = bind(
                 gpu,
                 &self.layout,
-                self.format.kind,
                 &self.atlases,
                 &self.sampler,
                 &self.indirection,
-                [&self.constants, &self.activity, &self.occupancy],
+                [
+                    &self.constants,
+                    &self.activity,
+                    &self.occupancy,
+                    &self.maxima,
+                ],
             );
         }
         let values = bytemuck::cast_slice(&self.constant_values);
@@ -610,6 +666,15 @@ impl Residency {
                 );
             },
         )
+    }
+
+    /// Enters the greatest values of a level's bricks, in the order of its index.
+    pub fn set_maxima(&self, gpu: &GpuContext, lod: Lod, maxima: impl Iterator<Item = f32>) {
+        let mut codes: Vec<u8> = maxima.map(|m| self.codes.code(m)).collect();
+        codes.resize(codes.len().next_multiple_of(4), 0);
+        let first = self.first_bricks[usize::from(lod.0)];
+        gpu.queue
+            .write_buffer(&self.maxima, u64::from(first), &codes);
     }
 
     /// What the index tells of all bricks of a level ([`Activity::pack`]); resident ones have to be set again.
@@ -735,39 +800,63 @@ fn texel_place(texture: &wgpu::Texture, at: UVec3) -> wgpu::TexelCopyTextureInfo
     }
 }
 
-/// The bind group; `tables` are constants, activity, occupancy.
+/// All of a texture, as shaders read it.
+pub(super) fn atlas_view(texture: &wgpu::Texture) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(match texture.dimension() {
+            wgpu::TextureDimension::D3 => wgpu::TextureViewDimension::D3,
+            // Also those of a single slice.
+            _ => wgpu::TextureViewDimension::D2Array,
+        }),
+        ..Default::default()
+    })
+}
+
+/// The sampler of an atlas: gathers take none that filters.
+pub(super) fn atlas_sampler(gpu: &GpuContext, kind: AtlasKind) -> wgpu::Sampler {
+    let filter = match kind {
+        AtlasKind::Filtered => wgpu::FilterMode::Linear,
+        AtlasKind::Float | AtlasKind::Uint => wgpu::FilterMode::Nearest,
+    };
+    gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+        label: Some("residency.sampler"),
+        mag_filter: filter,
+        min_filter: filter,
+        ..Default::default()
+    })
+}
+
+/// The bind group; `tables` are constants, activity, occupancy, maxima.
 fn bind(
     gpu: &GpuContext,
     layout: &wgpu::BindGroupLayout,
-    kind: AtlasKind,
     atlases: &[wgpu::Texture],
     sampler: &wgpu::Sampler,
     indirection: &wgpu::Texture,
-    tables: [&wgpu::Buffer; 3],
+    tables: [&wgpu::Buffer; 4],
 ) -> wgpu::BindGroup {
-    let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
-    let views: Vec<wgpu::TextureView> = atlases.iter().map(view).collect();
-    let indirection = view(indirection);
-    let mut entries = vec![wgpu::BindGroupEntry {
-        binding: 2,
-        resource: wgpu::BindingResource::TextureView(&indirection),
-    }];
+    let views: Vec<wgpu::TextureView> = atlases.iter().map(atlas_view).collect();
+    let indirection = atlas_view(indirection);
+    let mut entries = vec![
+        wgpu::BindGroupEntry {
+            binding: 1,
+            resource: wgpu::BindingResource::Sampler(sampler),
+        },
+        wgpu::BindGroupEntry {
+            binding: 2,
+            resource: wgpu::BindingResource::TextureView(&indirection),
+        },
+    ];
     for (view, binding) in views.iter().zip([0, 6, 7, 8]) {
         entries.push(wgpu::BindGroupEntry {
             binding,
             resource: wgpu::BindingResource::TextureView(view),
         });
     }
-    for (table, binding) in tables.iter().zip(3..) {
+    for (table, binding) in tables.iter().zip([3, 4, 5, 9]) {
         entries.push(wgpu::BindGroupEntry {
             binding,
             resource: table.as_entire_binding(),
-        });
-    }
-    if kind == AtlasKind::Filtered {
-        entries.push(wgpu::BindGroupEntry {
-            binding: 1,
-            resource: wgpu::BindingResource::Sampler(sampler),
         });
     }
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -783,3 +872,36 @@ const FULL_ENOUGH: u32 = 384;
 
 /// Rows of texture copies are padded to this by the API.
 const ROW_PITCH: usize = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_of_maxima_are_never_below_them() {
+        for range in [[0.0, 240.0], [-1000.5, 3000.25], [16.0, 16.5], [1e-3, 1e30]] {
+            let codes = MaximumCodes::new(range);
+            let mut culled = 0;
+            for i in 0..=1000 {
+                let maximum = range[0] + (range[1] - range[0]) * (i as f32 / 1000.0);
+                let code = codes.code(maximum);
+                let bound = codes.floor + f32::from(code) * codes.scale;
+                assert!(
+                    code == MaximumCodes::ANY || bound >= maximum,
+                    "{maximum} of {range:?}: {bound}"
+                );
+                culled += u32::from(bound - maximum <= (range[1] - range[0]) / 200.0);
+            }
+            assert!(culled > 900, "{range:?}: {culled} of 1001 codes are close");
+        }
+    }
+
+    #[test]
+    fn without_a_range_any_value_may_come() {
+        for range in [[7.0, 7.0], [f32::MIN, f32::MAX]] {
+            let codes = MaximumCodes::new(range);
+            assert_eq!(codes.code(range[1]), MaximumCodes::ANY, "{range:?}");
+            assert!(codes.scale.is_finite(), "{range:?}");
+        }
+    }
+}

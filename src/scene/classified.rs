@@ -34,6 +34,8 @@ pub struct Classified {
     pub levels: Vec<ClassifiedLevel>,
     /// The iso-value in stored units; 0 in other modes.
     pub iso_stored: f32,
+    /// The least stored value of the volume: what a maximum begins with.
+    pub value_floor: f32,
     /// Stored values that can't be seen, below and above the iso-value (in other modes the same): what samples may read
     /// in bricks in which nothing can be seen.
     pub unseen: [f32; 2],
@@ -105,6 +107,7 @@ impl Classified {
         Ok(Self {
             levels,
             iso_stored,
+            value_floor: data[0],
             unseen,
         })
     }

@@ -40,13 +40,15 @@ impl GpuDevice {
         let mut exact = Vec::new();
         let mut filtered = Some(Vec::new());
         for lod in levels {
-            let dense = match self.dense(lod, settings.size) {
-                Ok(Some(dense)) => dense,
-                Ok(None) | Err(EngineError::Gpu(GpuError::OutOfMemory { .. })) => return Ok(None),
-                Err(error) => return Err(error),
+            let of_level = |filter| match self.dense(lod, filter, settings.size) {
+                Ok(Some(dense)) => self.cast_bare(&dense, lod, &plans).map(Some),
+                Ok(None) | Err(EngineError::Gpu(GpuError::OutOfMemory { .. })) => Ok(None),
+                Err(error) => Err(error),
             };
-            let of_level = |filter| self.cast_bare(&dense, lod, filter, &plans);
-            exact.extend(of_level(SampleFilter::Exact)?.unwrap_or_default());
+            let Some(more) = of_level(SampleFilter::Exact)? else {
+                return Ok(None);
+            };
+            exact.extend(more);
             filtered = match (filtered, of_level(SampleFilter::Hardware)?) {
                 (Some(mut all), Some(more)) => {
                     all.extend(more);
@@ -62,8 +64,13 @@ impl GpuDevice {
         }))
     }
 
-    /// The level in one texture; `None` where an axis or the bytes are too many.
-    fn dense(&self, lod: Lod, size: [u32; 2]) -> Result<Option<DenseLevel>, EngineError> {
+    /// The level in one texture; `None` where an axis or the bytes are too many, or the device has no such filter.
+    fn dense(
+        &self,
+        lod: Lod,
+        filter: SampleFilter,
+        size: [u32; 2],
+    ) -> Result<Option<DenseLevel>, EngineError> {
         let stored = self.store.stored_type();
         let voxels = self.grids[usize::from(lod.0)].voxels;
         let slice_bytes = voxels.x * voxels.y * stored.size() as u64;
@@ -71,7 +78,7 @@ impl GpuDevice {
         if bytes + u128::from(BareCaster::bytes(size)) > u128::from(self.budget_bytes) {
             return Ok(None);
         }
-        let Some(dense) = DenseLevel::new(&self.gpu, stored, voxels.as_uvec3())? else {
+        let Some(dense) = DenseLevel::new(&self.gpu, stored, filter, voxels.as_uvec3())? else {
             return Ok(None);
         };
         let mut reader = BrickReader::new().map_err(|error| StoreError::Io {
@@ -91,14 +98,13 @@ impl GpuDevice {
         Ok(Some(dense))
     }
 
-    /// Casts what `plans` sample of the level, one after the other. `None` where the device can't filter the level.
+    /// Casts what `plans` sample of the level, one after the other.
     fn cast_bare(
         &self,
         dense: &DenseLevel,
         lod: Lod,
-        filter: SampleFilter,
         plans: &[PicturePlan],
-    ) -> Result<Option<Vec<BareRate>>, EngineError> {
+    ) -> Result<Vec<BareRate>, EngineError> {
         let mut rates = Vec::with_capacity(plans.len());
         // The level's number differs where pictures begin at different levels, and the pipeline with it.
         let mut warm: Option<(usize, BareCaster)> = None;
@@ -107,15 +113,12 @@ impl GpuDevice {
             let Some(number) = used.iter().position(|level| level.lod == lod) else {
                 continue;
             };
-            let inputs = plan.inputs(&self.store);
+            let inputs = plan.inputs();
             let caster = match &mut warm {
                 Some((of, caster)) if *of == number => caster,
                 cold => {
                     let size = plan.settings.size;
-                    let caster = BareCaster::new(&self.gpu, dense, number, filter, size)?;
-                    let Some(mut caster) = caster else {
-                        return Ok(None);
-                    };
+                    let mut caster = BareCaster::new(&self.gpu, dense, number, size)?;
                     caster.cast(&self.gpu, &inputs)?;
                     caster.take_gpu_ms(&self.gpu)?;
                     &mut cold.insert((number, caster)).1
@@ -131,6 +134,6 @@ impl GpuDevice {
                 gpu_ms: caster.take_gpu_ms(&self.gpu)?,
             });
         }
-        Ok(Some(rates))
+        Ok(rates)
     }
 }

@@ -185,6 +185,7 @@ impl ExactRun {
     pub(super) fn report(&self, stats: &mut PictureStats) {
         stats.samples = self.counts.samples;
         stats.samples_skipped = self.counts.skipped;
+        stats.samples_contributing = Some(self.counts.contributing);
         stats.bricks_requested = Some(self.requested.len() as u64);
         stats.bricks_touched = Some(self.touched.len() as u64);
     }
@@ -241,9 +242,7 @@ impl ExactRun {
         self.touched.extend(&touched);
         let is_turn_over = report.pending_groups.is_empty();
         if is_turn_over && !work.next_turn() {
-            let counts = renderer.collect(gpu, &tile, &mut self.image)?;
-            self.counts.samples += counts.samples;
-            self.counts.skipped += counts.skipped;
+            self.counts += renderer.collect(gpu, &tile, &mut self.image)?;
             return Ok(if self.tiles.is_empty() {
                 Progress::Complete
             } else {

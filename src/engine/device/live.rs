@@ -123,6 +123,7 @@ impl Live {
             rays: width * height,
             samples: self.counts.samples,
             samples_skipped: self.counts.skipped,
+            samples_contributing: Some(self.counts.contributing),
             bricks_visible: ready.map(|r| r.bricks.visible),
             bricks_requested: Some(self.requested.len() as u64),
             bricks_touched: Some(self.touched.len() as u64),
@@ -359,7 +360,7 @@ impl GpuDevice {
         };
         let (plan, mesh) = &ready.pictures[number];
         let tile = self.tile(plan);
-        let inputs = plan.inputs(&self.store);
+        let inputs = plan.inputs();
         self.renderer.set_mesh(&self.gpu, mesh)?;
         self.renderer
             .begin_picture(&self.gpu, &inputs, &volume.residency, tile, draft)?;
@@ -393,7 +394,7 @@ impl GpuDevice {
         let (Some(ready), Some(volume)) = (ready, &mut self.volume) else {
             unreachable!("invariant: a run was begun on a volume")
         };
-        let inputs = ready.pictures[number].0.inputs(&self.store);
+        let inputs = ready.pictures[number].0.inputs();
         let before = run.tiles_left();
         match run.advance(&self.gpu, &mut self.renderer, volume, &inputs, wait) {
             Err(error @ (EngineError::Store(_) | EngineError::FailedBrick { .. })) => {
@@ -531,7 +532,7 @@ impl GpuDevice {
             unreachable!("invariant: a draft was begun on a volume")
         };
         let plan = ready.final_plan();
-        let inputs = plan.inputs(&self.store);
+        let inputs = plan.inputs();
         let size = plan.settings.size;
         let tile = Renderer::tile_size(size, self.budget_bytes / 4);
         let mut image = Image::clear(size);

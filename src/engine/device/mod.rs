@@ -161,7 +161,7 @@ impl GpuDevice {
         let tile = self.tile(plan);
         let ready = self.make_ready(ready, 1)?;
         let (plan, mesh) = &ready.pictures[0];
-        let inputs = plan.inputs(&self.store);
+        let inputs = plan.inputs();
         let Self {
             gpu,
             renderer,
@@ -282,13 +282,7 @@ impl GpuDevice {
             .ok_or_else(too_little)?;
         // A slot's tables take less than a 512th of any brick.
         let rest = rest - rest / 512;
-        let max_edge = self
-            .gpu
-            .caps
-            .limits
-            .max_texture_dimension_3d
-            .min(self.options.max_atlas_edge)
-            .min(Residency::MAX_AXIS_SLOTS * crate::geom::STORED_EDGE);
+        let max_edge = Residency::max_atlas_edge(&self.gpu.caps).min(self.options.max_atlas_edge);
         let shape =
             AtlasShape::for_slots(wanted, voxel_bytes, rest, max_edge).ok_or_else(too_little)?;
         let most = (rest / shape.bytes(voxel_bytes)).min(u64::from(Residency::MAX_TEXTURES));

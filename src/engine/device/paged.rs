@@ -13,7 +13,7 @@ use crate::pager::{
     Completion, FrameRequests, Loaded, Loader, Pager, PagerBudget, Priority, Request, RequestClass,
     SlotId, SlotPool, StepLimits, Upload, scan,
 };
-use crate::render::{Activity, AtlasPlan, MissedBrick, Residency};
+use crate::render::{Activity, AtlasPlan, MaximumCodes, MissedBrick, Residency};
 use crate::scene::RayFrame;
 use crate::store::{BrickData, Store, StoreError};
 
@@ -76,7 +76,7 @@ pub(super) struct PagedVolume {
     in_slot: Vec<Option<BrickId>>,
     /// By level, of those that are sampled.
     seen: SeenLevels,
-    constants_entered: BTreeSet<Lod>,
+    levels_entered: BTreeSet<Lod>,
     pinned: usize,
     completions: Vec<Completion>,
     /// Placed, and not yet copied into their slots.
@@ -99,7 +99,9 @@ impl PagedVolume {
             .map(|l| store.level(Lod(l as u8)).grid)
             .collect();
         let stored = store.meta().stored_type;
-        let residency = Residency::new(gpu, stored, options.filter, plan, grids.clone())?;
+        let meta = store.meta();
+        let codes = MaximumCodes::new([meta.value_min as f32, meta.value_max as f32]);
+        let residency = Residency::new(gpu, stored, options.filter, plan, grids.clone(), codes)?;
         let staging = Staging::new(gpu, Residency::staging_chunk_bytes(), staging_bytes);
         let count = plan.slot_count().min(options.max_slots.unwrap_or(u64::MAX)) as u32;
         let slots = match options.slot_order_seed {
@@ -149,7 +151,7 @@ impl PagedVolume {
             ranges: KnownRanges::new(),
             in_slot: vec![None; plan.slot_count() as usize],
             seen: SeenLevels::new(),
-            constants_entered: BTreeSet::new(),
+            levels_entered: BTreeSet::new(),
             pinned,
             completions: Vec::new(),
             uploads: Vec::new(),
@@ -193,7 +195,7 @@ impl PagedVolume {
         classified: &ClassifiedBricks,
     ) -> Result<(), EngineError> {
         for level in &rays.levels {
-            self.enter_constants(gpu, level.lod)?;
+            self.enter_level(gpu, level.lod)?;
         }
         for (lod, _) in std::mem::replace(&mut self.seen, levels.clone()) {
             if !levels.contains_key(&lod) {
@@ -232,8 +234,9 @@ impl PagedVolume {
         Ok(())
     }
 
-    fn enter_constants(&mut self, gpu: &GpuContext, lod: Lod) -> Result<(), EngineError> {
-        if !self.constants_entered.insert(lod) {
+    /// Enters what the index tells of a level, whatever the classification.
+    fn enter_level(&mut self, gpu: &GpuContext, lod: Lod) -> Result<(), EngineError> {
+        if !self.levels_entered.insert(lod) {
             return Ok(());
         }
         self.store.check_level(lod)?;
@@ -242,6 +245,8 @@ impl PagedVolume {
             .map(|b| (b.index, b.range[0]));
         self.residency
             .set_constants(gpu, &mut self.staging, lod, constants)?;
+        let maxima = scan(&self.store, lod, &Visibility::All).map(|b| b.range[1]);
+        self.residency.set_maxima(gpu, lod, maxima);
         Ok(())
     }
 

@@ -61,12 +61,11 @@ impl PicturePlan {
         Ok((coarse.rays.used() != self.rays.used()).then_some(coarse))
     }
 
-    pub(super) fn inputs(&self, store: &Store) -> FrameInputs<'_> {
+    pub(super) fn inputs(&self) -> FrameInputs<'_> {
         FrameInputs {
             rays: &self.rays,
             classified: &self.classified,
             settings: &self.settings,
-            value_floor: store.meta().value_min as f32,
             skip: self.skip,
         }
     }

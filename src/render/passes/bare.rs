@@ -1,13 +1,13 @@
 //! What the device could do at most: the samples of a picture from one dense texture, without bricks, without skipping,
 //! to the end of every ray. Draws nothing that anybody sees; `bench` holds the caster against it.
 
-use glam::UVec3;
+use glam::{UVec2, UVec3};
 
 use crate::gpu::layout::{FrameUniforms, MAX_LEVELS};
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers, shader};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, FrameInputs, padded, ray_uniforms};
-use crate::render::residency::{AtlasFormat, AtlasKind, SampleFilter};
+use crate::render::residency::{AtlasFormat, AtlasKind, SampleFilter, atlas_sampler, atlas_view};
 use crate::volume::StoredType;
 
 /// Pixels of a work-group: as the caster's.
@@ -17,27 +17,39 @@ const DISPATCH_SAMPLES: u64 = 1 << 28;
 /// Dispatches of a picture whose times are kept.
 const TIMED_PASSES: u32 = 1024;
 
-/// One level of a volume in one texture.
+/// One level of a volume in one texture, for one filter.
 #[derive(Debug)]
 pub struct DenseLevel {
     texture: wgpu::Texture,
     view: wgpu::TextureView,
     voxels: UVec3,
     voxel_bytes: u32,
-    stored: StoredType,
+    format: AtlasFormat,
 }
 
 impl DenseLevel {
-    /// A level of `voxels`, all 0. `None` where an axis is longer than the device's textures.
+    /// A level of `voxels`, all 0, to be read by `filter`. `None` where an axis is longer than the device's textures, or
+    /// the device has no such filter for the type.
     ///
     /// # Errors
     /// The device has not the memory.
     pub fn new(
         gpu: &GpuContext,
         stored: StoredType,
+        filter: SampleFilter,
         voxels: UVec3,
     ) -> Result<Option<Self>, GpuError> {
-        if voxels.max_element() > gpu.caps.limits.max_texture_dimension_3d {
+        let format = AtlasFormat::new(stored, filter, &gpu.caps);
+        if filter == SampleFilter::Hardware && format.kind != AtlasKind::Filtered {
+            return Ok(None);
+        }
+        let limits = &gpu.caps.limits;
+        let most = match format.dimension() {
+            wgpu::TextureDimension::D3 => UVec3::splat(limits.max_texture_dimension_3d),
+            _ => UVec2::splat(limits.max_texture_dimension_2d)
+                .extend(limits.max_texture_array_layers),
+        };
+        if voxels.cmpgt(most).any() {
             return Ok(None);
         }
         let texture = gpu.checked("allocating a dense level", || {
@@ -46,18 +58,18 @@ impl DenseLevel {
                 size: extent(voxels),
                 mip_level_count: 1,
                 sample_count: 1,
-                dimension: wgpu::TextureDimension::D3,
-                format: AtlasFormat::new(stored, SampleFilter::Exact, &gpu.caps).format,
+                dimension: format.dimension(),
+                format: format.format,
                 usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
                 view_formats: &[],
             }))
         })?;
         Ok(Some(Self {
-            view: texture.create_view(&wgpu::TextureViewDescriptor::default()),
+            view: atlas_view(&texture),
             texture,
             voxels,
             voxel_bytes: stored.size() as u32,
-            stored,
+            format,
         }))
     }
 
@@ -128,8 +140,7 @@ impl BareCaster {
         u64::from(size[0]) * u64::from(size[1]) * (16 + 4 + 4)
     }
 
-    /// The caster of `dense`, which is number `level` among the levels of the frames to come, reading it by `filter`.
-    /// `None` where the device can't read it so.
+    /// The caster of `dense`, which is number `level` among the levels of the frames to come.
     ///
     /// # Errors
     /// The device refuses the shader or has not the memory.
@@ -137,13 +148,9 @@ impl BareCaster {
         gpu: &GpuContext,
         dense: &DenseLevel,
         level: usize,
-        filter: SampleFilter,
         size: [u32; 2],
-    ) -> Result<Option<Self>, GpuError> {
-        let format = AtlasFormat::new(dense.stored, filter, &gpu.caps);
-        if filter == SampleFilter::Hardware && format.kind != AtlasKind::Filtered {
-            return Ok(None);
-        }
+    ) -> Result<Self, GpuError> {
+        let format = dense.format;
         let (source, entries) = match format.kind {
             AtlasKind::Filtered => (shader::BARE_FILTERED, bindings::VOLUME_FILTERED),
             AtlasKind::Float => (shader::BARE_FLOAT, bindings::VOLUME_FLOAT),
@@ -202,8 +209,8 @@ impl BareCaster {
                 },
                 cache: None,
             });
-            Ok(Some(Self {
-                volume: volume_group(gpu, &volume_layout, dense, format.kind),
+            Ok(Self {
+                volume: volume_group(gpu, &volume_layout, dense),
                 texture_from_level: padded(1.0 / dense.voxels.as_vec3()),
                 value_scale: format.value_scale,
                 timer: PassTimer::new(gpu, TIMED_PASSES),
@@ -212,7 +219,7 @@ impl BareCaster {
                 pipeline,
                 targets,
                 counts,
-            }))
+            })
         })
     }
 
@@ -296,30 +303,24 @@ fn volume_group(
     gpu: &GpuContext,
     layout: &wgpu::BindGroupLayout,
     dense: &DenseLevel,
-    kind: AtlasKind,
 ) -> wgpu::BindGroup {
-    let unused_texture = |format| {
+    let unused_texture = |format, dimension| {
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("bare.unused"),
             size: extent(UVec3::ONE),
             mip_level_count: 1,
             sample_count: 1,
-            dimension: wgpu::TextureDimension::D3,
+            dimension,
             format,
             usage: wgpu::TextureUsages::TEXTURE_BINDING,
             view_formats: &[],
         });
-        texture.create_view(&wgpu::TextureViewDescriptor::default())
+        atlas_view(&texture)
     };
-    let other_atlas = unused_texture(dense.texture.format());
-    let page_table = unused_texture(wgpu::TextureFormat::R32Uint);
+    let other_atlas = unused_texture(dense.format.format, dense.format.dimension());
+    let page_table = unused_texture(wgpu::TextureFormat::R32Uint, wgpu::TextureDimension::D3);
     let table = storage(gpu, "bare.unused", 16);
-    let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-        label: Some("bare.sampler"),
-        mag_filter: wgpu::FilterMode::Linear,
-        min_filter: wgpu::FilterMode::Linear,
-        ..Default::default()
-    });
+    let sampler = atlas_sampler(gpu, dense.format.kind);
     let texture = |binding, view| wgpu::BindGroupEntry {
         binding,
         resource: wgpu::BindingResource::TextureView(view),
@@ -328,8 +329,12 @@ fn volume_group(
         binding,
         resource: table.as_entire_binding(),
     };
-    let mut entries = vec![
+    let entries = [
         texture(0, &dense.view),
+        wgpu::BindGroupEntry {
+            binding: 1,
+            resource: wgpu::BindingResource::Sampler(&sampler),
+        },
         texture(2, &page_table),
         buffer(3),
         buffer(4),
@@ -337,13 +342,8 @@ fn volume_group(
         texture(6, &other_atlas),
         texture(7, &other_atlas),
         texture(8, &other_atlas),
+        buffer(9),
     ];
-    if kind == AtlasKind::Filtered {
-        entries.push(wgpu::BindGroupEntry {
-            binding: 1,
-            resource: wgpu::BindingResource::Sampler(&sampler),
-        });
-    }
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("bare.volume"),
         layout,

@@ -6,7 +6,7 @@ use glam::UVec2;
 
 use super::BoundsTargets;
 use crate::camera::Projection;
-use crate::gpu::layout::RayState;
+use crate::gpu::layout::{PixelCounts, RayState};
 use crate::gpu::{GpuContext, GpuError, shader};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, FrameInputs};
@@ -52,6 +52,7 @@ impl Variant {
 #[derive(Debug)]
 pub(in crate::render) struct RaycastPass {
     layout: wgpu::BindGroupLayout,
+    depth_sampler: wgpu::Sampler,
     pipelines: HashMap<Variant, wgpu::ComputePipeline>,
 }
 
@@ -60,7 +61,7 @@ pub(in crate::render) struct RaycastPass {
 pub(in crate::render) struct RaycastTargets {
     /// Per pixel, premultiplied RGBA in f32.
     pub(in crate::render) picture: wgpu::Buffer,
-    /// Per pixel, samples taken and skipped.
+    /// Per pixel, what its ray did.
     pub(in crate::render) counts: wgpu::Buffer,
     /// Per pixel, where its ray stands.
     rays: wgpu::Buffer,
@@ -69,7 +70,8 @@ pub(in crate::render) struct RaycastTargets {
 
 impl RaycastTargets {
     /// Bytes per pixel: picture and counts with their read-back copies, and the ray's state.
-    pub(in crate::render) const BYTES_PER_PIXEL: u64 = (16 + 8) * 2 + size_of::<RayState>() as u64;
+    pub(in crate::render) const BYTES_PER_PIXEL: u64 =
+        (16 + size_of::<PixelCounts>() as u64) * 2 + size_of::<RayState>() as u64;
 
     /// Per pixel, where its ray stands.
     pub(in crate::render) fn rays(&self) -> &wgpu::Buffer {
@@ -92,8 +94,13 @@ impl RaycastPass {
                 label: Some("raycast.layout"),
                 entries: bindings::RAYCAST,
             });
+        let depth_sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("raycast.depth_sampler"),
+            ..Default::default()
+        });
         Self {
             layout,
+            depth_sampler,
             pipelines: HashMap::new(),
         }
     }
@@ -116,7 +123,7 @@ impl RaycastPass {
             })
         };
         let picture = buffer("raycast.picture", pixels * 16);
-        let counts = buffer("raycast.counts", pixels * 8);
+        let counts = buffer("raycast.counts", pixels * size_of::<PixelCounts>() as u64);
         let rays = buffer("raycast.rays", pixels * size_of::<RayState>() as u64);
         let view = |i: usize| wgpu::BindGroupEntry {
             binding: i as u32,
@@ -144,6 +151,10 @@ impl RaycastPass {
                 wgpu::BindGroupEntry {
                     binding: 6,
                     resource: volume.feedback.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 7,
+                    resource: wgpu::BindingResource::Sampler(&self.depth_sampler),
                 },
             ],
         });
@@ -208,6 +219,7 @@ impl RaycastPass {
                             ("ORTHOGRAPHIC", f64::from(u8::from(variant.orthographic))),
                             ("MANY_LEVELS", f64::from(u8::from(variant.many_levels))),
                             ("MANY_ATLASES", f64::from(u8::from(variant.many_atlases))),
+                            ("MAXIMUM", f64::from(u8::from(variant.mode == Mode::Mip))),
                             ("DRAFT", f64::from(u8::from(variant.draft))),
                         ],
                         ..Default::default()
