@@ -203,15 +203,44 @@ impl BrickCache {
     }
 }
 
+/// How a level's blocks are told.
+#[derive(Debug)]
+pub(super) struct LevelClassification {
+    lod: Lod,
+    pub(super) purpose: Purpose,
+    /// Tells this from other classifications of this and other levels.
+    generation: u64,
+    /// The bricks in which, by the index, something can be seen: their numbers, in order.
+    pub(super) visible: Vec<u64>,
+}
+
+impl LevelClassification {
+    /// One scan of the index of the level, which was checked.
+    pub(super) fn new(store: &Store, lod: Lod, purpose: Purpose, generation: u64) -> Self {
+        let grid = store.level(lod).grid;
+        let is_visible = |&index: &u64| {
+            let entry = store.entry(BrickId::new(lod, grid.xyz(index)));
+            match &purpose {
+                Purpose::Skip(seen) => seen.is_visible([entry.min, entry.max]),
+                Purpose::Highest | Purpose::Everything => true,
+            }
+        };
+        let visible = (0..grid.len()).into_par_iter().filter(is_visible).collect();
+        Self {
+            lod,
+            purpose,
+            generation,
+            visible,
+        }
+    }
+}
+
 /// A level of the store under one classification, as a picture reads it.
 #[derive(Debug)]
 pub(super) struct CastLevel<'a> {
     cache: &'a BrickCache,
-    lod: Lod,
     grid: BrickGrid,
-    purpose: Purpose,
-    /// Tells this classification of the level from others.
-    generation: u64,
+    pub(super) of: Arc<LevelClassification>,
     /// Blocks of a brick of which nothing is known: all may be seen.
     unknown: Arc<GatherBytes>,
     /// Blocks of a brick in which nothing can be seen: below and above the iso-value.
@@ -219,22 +248,19 @@ pub(super) struct CastLevel<'a> {
 }
 
 impl<'a> CastLevel<'a> {
-    /// `generation`: the same for the same level and purpose only.
-    pub(super) fn new(cache: &'a BrickCache, lod: Lod, purpose: Purpose, generation: u64) -> Self {
-        let len = purpose.blocks_len();
+    pub(super) fn new(cache: &'a BrickCache, of: &Arc<LevelClassification>) -> Self {
+        let len = of.purpose.blocks_len();
         let blocks = |bytes: &[u8]| Arc::new(GatherBytes::new(bytes, len));
-        let unknown = match purpose {
+        let unknown = match of.purpose {
             Purpose::Skip(_) | Purpose::Everything => vec![0; len],
             Purpose::Highest => f32::INFINITY.to_le_bytes().repeat(BLOCKS_PER_BRICK),
         };
         Self {
             cache,
-            lod,
-            grid: cache.store.level(lod).grid,
-            generation,
+            grid: cache.store.level(of.lod).grid,
             unknown: blocks(&unknown),
             unseen: [FARTHEST, FARTHEST | ABOVE].map(|b| blocks(&[b; BLOCKS_PER_BRICK])),
-            purpose,
+            of: Arc::clone(of),
         }
     }
 
@@ -243,47 +269,26 @@ impl<'a> CastLevel<'a> {
         self.grid
     }
 
-    /// Where along the rays something may be seen in the bricks `visible` of the level, as far as is known now.
-    pub(super) fn intervals(
-        &self,
-        frame: &RayFrame,
-        level: &LevelFrame,
-        visible: &[u64],
-    ) -> Intervals {
-        if !matches!(self.purpose, Purpose::Skip(_)) {
+    /// Where along the rays something may be seen, as far as is known now.
+    pub(super) fn intervals(&self, frame: &RayFrame, level: &LevelFrame) -> Intervals {
+        if !matches!(self.of.purpose, Purpose::Skip(_)) {
             return Intervals::everywhere(frame);
         }
         let bricks: Vec<_> = {
             let decoded = self.cache.lock();
+            let visible = self.of.visible.iter();
             visible
-                .iter()
                 .map(|&index| {
-                    let id = BrickId::new(self.lod, self.grid.xyz(index));
+                    let id = BrickId::new(self.of.lod, self.grid.xyz(index));
                     let key = self.key(id);
                     ActiveBrick {
                         first_voxel: id.xyz.as_dvec3() * f64::from(BRICK_EDGE),
-                        blocks: BrickCache::known_blocks(&decoded, key, self.generation),
+                        blocks: BrickCache::known_blocks(&decoded, key, self.of.generation),
                     }
                 })
                 .collect()
         };
         Intervals::new(frame, level, &bricks)
-    }
-
-    /// The bricks in which, by the index, something can be seen: their numbers, in order.
-    pub(super) fn visible(&self) -> Vec<u64> {
-        let store = &self.cache.store;
-        let is_visible = |&index: &u64| {
-            let entry = store.entry(BrickId::new(self.lod, self.grid.xyz(index)));
-            match &self.purpose {
-                Purpose::Skip(seen) => seen.is_visible([entry.min, entry.max]),
-                Purpose::Highest | Purpose::Everything => true,
-            }
-        };
-        (0..self.grid.len())
-            .into_par_iter()
-            .filter(is_visible)
-            .collect()
     }
 
     /// What the brick is found by.
@@ -326,11 +331,11 @@ impl<'a> CastLevel<'a> {
         reader: &mut Option<BrickReader>,
         buffer: &mut BrickData,
     ) -> Result<CastBrick, StoreError> {
-        let id = BrickId::new(self.lod, self.grid.xyz(index));
+        let id = BrickId::new(self.of.lod, self.grid.xyz(index));
         let entry = self.cache.store.entry(id);
         let range = [entry.min, entry.max];
         let highest = highest_sample(entry.max);
-        let known = match &self.purpose {
+        let known = match &self.of.purpose {
             Purpose::Everything => None,
             Purpose::Highest => Some(&self.unknown),
             Purpose::Skip(seen) if seen.is_visible(range) => None,
@@ -362,12 +367,12 @@ impl<'a> CastLevel<'a> {
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
         if let Some((generation, blocks)) = &*last
-            && *generation == self.generation
+            && *generation == self.of.generation
         {
             return Arc::clone(blocks);
         }
-        let len = self.purpose.blocks_len();
-        let blocks = match &self.purpose {
+        let len = self.of.purpose.blocks_len();
+        let blocks = match &self.of.purpose {
             Purpose::Everything => Arc::clone(&self.unknown),
             Purpose::Skip(seen) => {
                 let bytes = seen.of_blocks(&decoded.block_ranges);
@@ -381,7 +386,7 @@ impl<'a> CastLevel<'a> {
                 Arc::new(GatherBytes::new(&highs.collect::<Vec<u8>>(), len))
             }
         };
-        *last = Some((self.generation, Arc::clone(&blocks)));
+        *last = Some((self.of.generation, Arc::clone(&blocks)));
         blocks
     }
 }

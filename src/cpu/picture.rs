@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use glam::Vec4;
 use rayon::prelude::*;
 
-use super::bricks::{BrickCache, CastLevel, NearBricks, Purpose};
+use super::bricks::{BrickCache, CastLevel, LevelClassification, NearBricks, Purpose};
 use super::cast::{Colors, Scene, cast};
 use super::field::{Field, VoxelKind, with_voxel_kind};
 use super::intervals::Intervals;
@@ -26,18 +26,8 @@ pub struct CpuRenderer {
     cache: BrickCache,
     instructions: InstructionSet,
     /// What the blocks of each level have been classified by, and the number of that.
-    purposes: Vec<Option<ClassifiedLevel>>,
+    classified: Vec<Option<Arc<LevelClassification>>>,
     generations: u64,
-}
-
-/// How a level's blocks are told.
-#[derive(Debug)]
-struct ClassifiedLevel {
-    purpose: Purpose,
-    /// Tells this from other classifications of this and other levels.
-    generation: u64,
-    /// The bricks that may be visible by the index.
-    visible: Arc<Vec<u64>>,
 }
 
 /// What has been read of the store, since the renderer was made.
@@ -132,7 +122,7 @@ impl CpuRenderer {
         Self {
             cache: BrickCache::new(store, ram_bytes),
             instructions,
-            purposes: std::iter::repeat_with(|| None)
+            classified: std::iter::repeat_with(|| None)
                 .take(store.levels())
                 .collect(),
             generations: 0,
@@ -170,9 +160,9 @@ impl CpuRenderer {
         let levels = self.levels(picture)?;
         if picture.intervals.is_none() {
             let used = picture.frame.used().iter().zip(&levels);
-            picture.visible = levels.iter().map(|(_, v)| v.len() as u64).sum();
+            picture.visible = levels.iter().map(|l| l.of.visible.len() as u64).sum();
             picture.intervals = Some(
-                used.map(|(level, (cast, visible))| cast.intervals(&picture.frame, level, visible))
+                used.map(|(level, cast)| cast.intervals(&picture.frame, level))
                     .collect(),
             );
         }
@@ -184,7 +174,7 @@ impl CpuRenderer {
             .into_par_iter()
             .map_init(
                 || {
-                    let near = levels.iter().map(|(level, _)| level.near(threads));
+                    let near = levels.iter().map(|level| level.near(threads));
                     near.collect::<Vec<_>>()
                 },
                 |near, tile| {
@@ -221,13 +211,10 @@ impl CpuRenderer {
         Ok(())
     }
 
-    /// The levels of `picture`, under its classification, and their bricks that may be visible.
-    fn levels(
-        &mut self,
-        picture: &CpuPicture,
-    ) -> Result<Vec<(CastLevel<'_>, Arc<Vec<u64>>)>, StoreError> {
-        let used = picture.frame.used();
-        for (level, classified) in used.iter().zip(&picture.classified.levels) {
+    /// The levels of `picture`, under its classification.
+    fn levels(&mut self, picture: &CpuPicture) -> Result<Vec<CastLevel<'_>>, StoreError> {
+        let mut levels = Vec::with_capacity(picture.frame.used_levels);
+        for (level, classified) in picture.frame.used().iter().zip(&picture.classified.levels) {
             self.cache.store().check_level(level.lod)?;
             let purpose = match (picture.settings.technique, picture.settings.mode) {
                 (Technique::Basic, _) => Purpose::Everything,
@@ -237,36 +224,26 @@ impl CpuRenderer {
                     iso: (mode == Mode::Iso).then_some(picture.classified.iso_stored),
                 }),
             };
-            self.classify(level.lod, purpose);
+            levels.push(self.classified(level.lod, purpose));
         }
-        Ok(used
+        Ok(levels
             .iter()
-            .map(|level| {
-                let of = self.purposes[usize::from(level.lod.0)]
-                    .as_ref()
-                    .expect("invariant: the level was just classified");
-                (
-                    CastLevel::new(&self.cache, level.lod, of.purpose.clone(), of.generation),
-                    Arc::clone(&of.visible),
-                )
-            })
+            .map(|of| CastLevel::new(&self.cache, of))
             .collect())
     }
 
-    /// From now on the blocks of level `lod` are told so.
-    fn classify(&mut self, lod: Lod, purpose: Purpose) {
-        let last = &mut self.purposes[usize::from(lod.0)];
-        if last.as_ref().is_some_and(|of| of.purpose == purpose) {
-            return;
+    /// The level with its blocks told so: as it was, or anew.
+    fn classified(&mut self, lod: Lod, purpose: Purpose) -> Arc<LevelClassification> {
+        let last = &mut self.classified[usize::from(lod.0)];
+        if let Some(of) = last
+            && of.purpose == purpose
+        {
+            return Arc::clone(of);
         }
         self.generations += 1;
-        let level = CastLevel::new(&self.cache, lod, purpose.clone(), self.generations);
-        let visible = Arc::new(level.visible());
-        *last = Some(ClassifiedLevel {
-            purpose,
-            generation: self.generations,
-            visible,
-        });
+        let store = self.cache.store();
+        let of = LevelClassification::new(store, lod, purpose, self.generations);
+        Arc::clone(last.insert(Arc::new(of)))
     }
 }
 
