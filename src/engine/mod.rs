@@ -79,6 +79,20 @@ impl Engine {
         self.fallback.as_deref()
     }
 
+    /// What would draw faster than the device that was chosen for a user who left the choice to the program.
+    pub fn advice(&self) -> Option<String> {
+        match &self.device {
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) if gpu.is_software() && self.options.device == DeviceChoice::Auto => {
+                Some(format!(
+                    "drawing on {}, a graphics adapter in software; --device cpu is faster",
+                    gpu.name()
+                ))
+            }
+            _ => None,
+        }
+    }
+
     /// The device in words, for people: the adapter's name, or the CPU.
     pub fn device_name(&self) -> String {
         match &self.device {

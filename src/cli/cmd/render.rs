@@ -65,6 +65,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             .fallback()
             .map(|why| format!("drawing on the CPU: {why}")),
     );
+    notes.extend(engine.advice());
     let settings = args.picture.settings(engine.meta(), &mut notes)?;
     let picture = engine.render(&settings)?;
     notes.extend(picture.notes.iter().cloned());

@@ -60,7 +60,7 @@ impl GpuDevice {
         Ok(Some(BareRates {
             exact: BareRate::sum(&exact),
             filtered: filtered.as_deref().map(BareRate::sum),
-            on_processor: self.gpu.caps.is_software,
+            on_processor: self.is_software(),
         }))
     }
 

@@ -94,6 +94,11 @@ impl GpuDevice {
         )
     }
 
+    /// Does it draw on the processor?
+    pub(super) fn is_software(&self) -> bool {
+        self.gpu.caps.is_software
+    }
+
     /// Other bounds of memory: whatever is resident goes, pipelines stay.
     pub(super) fn set_budgets(&mut self, gpu_memory_bytes: Option<u64>, ram_bytes: u64) {
         self.options.gpu_memory_bytes = gpu_memory_bytes;
