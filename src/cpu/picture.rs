@@ -117,6 +117,9 @@ impl CpuPicture {
 }
 
 impl CpuRenderer {
+    /// Most bricks of a level that is drawn: lanes count them in 32 bits.
+    pub const MAX_BRICKS: u64 = i32::MAX as u64;
+
     /// A renderer of `store` that keeps at most `ram_bytes` of decoded bricks (a few at least).
     pub fn new(store: &Arc<Store>, ram_bytes: u64, instructions: InstructionSet) -> Self {
         Self {

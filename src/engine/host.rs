@@ -284,6 +284,16 @@ fn mark(live: &mut Live, event: TickEvent) {
 /// A picture made ready to be drawn.
 fn begin(store: &Store, settings: &PictureSettings) -> Result<CpuPicture, EngineError> {
     let (frame, classified) = prepare(store, settings)?;
+    for level in frame.used() {
+        let bricks = store.level(level.lod).grid.len();
+        if bricks > CpuRenderer::MAX_BRICKS {
+            return Err(EngineError::TooManyBricks {
+                lod: level.lod.0,
+                bricks,
+                most: CpuRenderer::MAX_BRICKS,
+            });
+        }
+    }
     Ok(CpuPicture::new(frame, classified, settings.clone()))
 }
 

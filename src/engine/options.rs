@@ -112,6 +112,10 @@ pub enum EngineError {
         "the store has {levels} levels, but at most {most} can be drawn on a GPU; render with --device cpu, or brick with fewer --levels"
     )]
     TooManyLevels { levels: usize, most: u32 },
+    #[error(
+        "level {lod} of the store has {bricks} bricks, but at most {most} can be drawn on the CPU; draw a coarser one with --lod"
+    )]
+    TooManyBricks { lod: u8, bricks: u64, most: u64 },
     #[error("a worker thread ended without a result; its panic message says why")]
     Worker,
     #[error("{brick} could not be read; the reason was given before")]
