@@ -51,14 +51,6 @@ pub fn cut<T: Voxel>(window: &Window<'_, T>, xyz: UVec3, out: &mut [T; STORED_VO
         for (row, &y) in plane.chunks_exact_mut(EDGE).zip(&ys) {
             let start = ((z * size.y + y) * size.x) as usize;
             let from = &window.voxels[start..][run.clone()];
-            // Nearly all rows: of a length that the compiler knows, a few moves instead of a call.
-            if let (Ok(row), Ok(from)) = (
-                <&mut [T; EDGE]>::try_from(&mut *row),
-                <&[T; EDGE]>::try_from(from),
-            ) {
-                *row = *from;
-                continue;
-            }
             row[..left].fill(from[0]);
             row[left..right].copy_from_slice(from);
             row[right..].fill(from[from.len() - 1]);
