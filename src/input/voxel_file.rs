@@ -253,7 +253,27 @@ fn read_plain(
             })?;
         }
     }
+    if full_rows && box_size.y == dims.y {
+        // Whoever reads whole slices goes on with the next ones: the disk is not to wait until then.
+        read_ahead(
+            file,
+            start + voxels.max.z * dims.y * dims.x * size,
+            out.len(),
+        );
+    }
     Ok(())
+}
+
+/// Tells the system that `len` bytes from `at` on will be read soon. Best effort: no answer, no error.
+fn read_ahead(file: &File, at: u64, len: usize) {
+    #[cfg(target_os = "linux")]
+    {
+        let len = std::num::NonZeroU64::new(len as u64);
+        // A refused hint costs only time.
+        let _ = rustix::fs::fadvise(file, at, len, rustix::fs::Advice::WillNeed);
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = (file, at, len);
 }
 
 #[cfg(unix)]
