@@ -76,6 +76,7 @@ impl Lanes for Avx2 {
     const SHAPE: [u32; 2] = [4, 2];
     type F = F;
     type I = I;
+    type Places = [__m256i; 2];
     type M = M;
 
     methods! {
@@ -155,26 +156,15 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    unsafe fn gather4(self, addresses: &Addresses, offset: I, at: [usize; 4]) -> [I; 4] {
-        // SAFETY: as above; the addresses are the caller's promise.
-        unsafe {
-            let [low, high] = places(addresses, offset);
-            [
-                gather_at(low, high, at[0]),
-                gather_at(low, high, at[1]),
-                gather_at(low, high, at[2]),
-                gather_at(low, high, at[3]),
-            ]
-        }
+    fn places(self, addresses: &Addresses, offset: I) -> Self::Places {
+        // SAFETY: as above.
+        unsafe { places(addresses, offset) }
     }
 
     #[inline(always)]
-    unsafe fn gather(self, addresses: &Addresses, offset: I) -> I {
-        // SAFETY: as above; the addresses are the caller's promise.
-        unsafe {
-            let [low, high] = places(addresses, offset);
-            gather_at(low, high, 0)
-        }
+    unsafe fn read(self, places: Self::Places, at: usize) -> I {
+        // SAFETY: as above; that the bytes can be read is the caller's promise.
+        unsafe { read(places, at) }
     }
 }
 
@@ -195,13 +185,13 @@ fn places(addresses: &Addresses, offset: I) -> [__m256i; 2] {
     [_mm256_add_epi64(first, low), _mm256_add_epi64(second, high)]
 }
 
-/// The four bytes at each of `low` and `high`, plus `at`.
+/// The four bytes `at` bytes behind each of the places.
 ///
 /// # Safety
 /// They can be read.
 #[target_feature(enable = "avx2")]
 #[inline]
-unsafe fn gather_at(low: __m256i, high: __m256i, at: usize) -> I {
+unsafe fn read([low, high]: [__m256i; 2], at: usize) -> I {
     let base = std::ptr::without_provenance::<i32>(at);
     // SAFETY: the caller's promise.
     let (low, high) = unsafe {

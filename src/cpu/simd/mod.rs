@@ -34,6 +34,8 @@ pub(super) trait Lanes: Copy {
         + Mul<Output = Self::I>
         + BitAnd<Output = Self::I>
         + BitOr<Output = Self::I>;
+    /// An address per lane.
+    type Places: Copy;
     /// A truth per lane.
     type M: Copy + BitAnd<Output = Self::M> + BitOr<Output = Self::M> + Not<Output = Self::M>;
 
@@ -80,18 +82,14 @@ pub(super) trait Lanes: Copy {
     /// `table[index]`, the index brought inside as an unsigned number. The table must not be empty.
     fn look_up(self, table: &[f32], index: Self::I) -> Self::F;
 
-    /// The four bytes at `addresses[lane] + offset[lane] + at[n]`, for four n.
-    ///
-    /// # Safety
-    /// All these bytes can be read.
-    unsafe fn gather4(self, addresses: &Addresses, offset: Self::I, at: [usize; 4])
-    -> [Self::I; 4];
+    /// `addresses[lane] + offset[lane]`, the offset as an unsigned number.
+    fn places(self, addresses: &Addresses, offset: Self::I) -> Self::Places;
 
-    /// The four bytes at `addresses[lane] + offset[lane]`.
+    /// The four bytes `at` bytes behind each place, little-endian.
     ///
     /// # Safety
-    /// All these bytes can be read.
-    unsafe fn gather(self, addresses: &Addresses, offset: Self::I) -> Self::I;
+    /// They can be read.
+    unsafe fn read(self, places: Self::Places, at: usize) -> Self::I;
 
     /// Any lane?
     #[inline(always)]
@@ -213,7 +211,7 @@ impl LaneTable {
         let offset = l.min_u(offset, l.i(self.len as i32 - 1));
         // SAFETY: every address is the beginning of memory that `held` owns, `len` bytes and a margin of four; the
         // offset is below `len`.
-        unsafe { l.gather(&self.addresses, offset) }
+        unsafe { l.read(l.places(&self.addresses, offset), 0) }
     }
 
     /// As [`Self::gather`], from `offset` and three further places: `offset` + `at`. Offsets are bounded so that the
@@ -224,7 +222,15 @@ impl LaneTable {
         assert!(reach < self.len, "invariant: displacements stay inside");
         let offset = l.min_u(offset, l.i((self.len - 1 - reach) as i32));
         // SAFETY: as in `gather`; offset + the greatest displacement is below `len`.
-        unsafe { l.gather4(&self.addresses, offset, at) }
+        unsafe {
+            let places = l.places(&self.addresses, offset);
+            [
+                l.read(places, at[0]),
+                l.read(places, at[1]),
+                l.read(places, at[2]),
+                l.read(places, at[3]),
+            ]
+        }
     }
 }
 

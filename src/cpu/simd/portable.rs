@@ -82,6 +82,7 @@ impl Lanes for Portable {
     const SHAPE: [u32; 2] = [4, 2];
     type F = F;
     type I = I;
+    type Places = [usize; N];
     type M = M;
 
     methods! {
@@ -131,22 +132,14 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    unsafe fn gather4(self, addresses: &Addresses, offset: I, at: [usize; 4]) -> [I; 4] {
-        at.map(|at| {
-            I(std::array::from_fn(|n| {
-                let place = addresses.0[n] as usize + offset.0[n] as u32 as usize + at;
-                // SAFETY: the caller's promise.
-                unsafe { read(place) }
-            }))
-        })
+    fn places(self, addresses: &Addresses, offset: I) -> Self::Places {
+        std::array::from_fn(|n| addresses.0[n] as usize + offset.0[n] as u32 as usize)
     }
 
     #[inline(always)]
-    unsafe fn gather(self, addresses: &Addresses, offset: I) -> I {
-        I(std::array::from_fn(|n| {
-            // SAFETY: the caller's promise.
-            unsafe { read(addresses.0[n] as usize + offset.0[n] as u32 as usize) }
-        }))
+    unsafe fn read(self, places: Self::Places, at: usize) -> I {
+        // SAFETY: the caller's promise.
+        I(places.map(|place| unsafe { read(place + at) }))
     }
 }
 
