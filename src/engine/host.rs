@@ -16,6 +16,8 @@ use crate::reference;
 use crate::scene::{Image, PictureSettings, PictureStats};
 use crate::store::Store;
 
+/// Tiles that are in memory beside the picture at most: 16 MiB.
+const TILES_AT_ONCE: u32 = 1024;
 /// Tiles per thread that a tick draws before it looks at the clock.
 const TILES_PER_THREAD: u32 = 4;
 
@@ -101,7 +103,9 @@ impl HostDevice {
             Renderer::Fast(renderer) => {
                 let before = renderer.traffic();
                 let mut picture = begin(&self.store, settings)?;
-                renderer.draw(&mut picture, u32::MAX)?;
+                while !picture.is_done() {
+                    renderer.draw(&mut picture, TILES_AT_ONCE)?;
+                }
                 let stats = stats_of(&picture, before, renderer.traffic());
                 (picture.into_image(), stats)
             }
