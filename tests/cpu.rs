@@ -351,3 +351,28 @@ fn negative_controls_fail() {
     coarser.lod = LodChoice::Fixed(Lod(1));
     assert!(beyond(&plain, &coarser) > 500, "the wrong level is seen");
 }
+
+#[test]
+fn budgets_may_change_while_a_picture_is_drawn() {
+    let store = phantom("phantom:body:100,70,110:u16");
+    let s = unlit(settings(&store.store, Mode::Mip));
+    let mut engine = cpu(&store, EngineOptions::default());
+    engine.render(&s).unwrap();
+    let step = PictureSettings {
+        step: 1.0,
+        ..s.clone()
+    };
+    // Counted from a renderer that has read bricks to one that has read none.
+    engine.set_picture(step.clone());
+    engine.set_budgets(None, 1 << 20);
+    while !engine.is_converged() {
+        engine.tick(&TickBudget::default()).unwrap();
+    }
+    assert_same_bits(
+        engine.image().unwrap(),
+        &reference(&store, &step).image,
+        "after another budget",
+    );
+    let read = engine.statistics().unwrap().unwrap().bricks_read.unwrap();
+    assert!((1..1000).contains(&read), "{read} bricks read");
+}

@@ -37,8 +37,11 @@ impl DenseArray {
         store.check_level(lod)?;
         let size = store.level(lod).grid.voxels;
         let voxel_bytes = stored_type.size() as u64;
-        let bytes = u128::from(size.x) * u128::from(size.y) * u128::from(size.z * voxel_bytes);
-        if bytes > u128::from(MOST_BYTES) {
+        let slice = u128::from(size.x) * u128::from(size.y) * u128::from(voxel_bytes);
+        let bytes = slice * u128::from(size.z);
+        // Taps behind the last voxel have the weight 0, but are read.
+        let beyond = slice + u128::from((size.x + 1) * voxel_bytes);
+        if bytes + beyond > u128::from(MOST_BYTES) {
             return Ok(None);
         }
         let mut reader = BrickReader::new().map_err(|error| StoreError::Io {
@@ -48,8 +51,6 @@ impl DenseArray {
         })?;
         let mut voxels = vec![0; bytes as usize];
         store.read_box(lod, VoxelBox::whole(size), &mut reader, &mut voxels)?;
-        // Taps behind the last voxel have the weight 0, but are read.
-        let beyond = (size.x * size.y + size.x + 1) * voxel_bytes;
         let len = voxels.len() + beyond as usize;
         Ok(Some(Self {
             lod,

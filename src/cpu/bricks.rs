@@ -314,7 +314,8 @@ impl<'a> CastLevel<'a> {
     /// A thread's view.
     pub(super) fn near(&self, threads: usize) -> NearBricks<'_> {
         let share = self.cache.capacity() / (2 * threads.max(1));
-        let count = share.clamp(16, 256).next_power_of_two();
+        // Rounded down to a power of two, for the hash.
+        let count = 1 << share.clamp(16, 256).ilog2();
         NearBricks {
             level: self,
             near: std::iter::repeat_with(|| None).take(count).collect(),

@@ -17,6 +17,8 @@ use crate::scene::{LevelFrame, RayFrame};
 pub(super) const CELL: u32 = 4;
 /// Voxels by which boxes are larger than what they bound: far more than rounding.
 const MARGIN: f64 = 0.05;
+/// Bytes of the cells of all threads, at most, unless those of one are more.
+const PARTS_BYTES: usize = 64 << 20;
 /// With so many active blocks a brick is bounded as a whole.
 const MANY_BLOCKS: usize = 256;
 
@@ -57,9 +59,11 @@ impl Intervals {
     /// The bounds of what may be seen in `bricks` of `level`.
     pub(super) fn new(frame: &RayFrame, level: &LevelFrame, bricks: &[ActiveBrick]) -> Self {
         let projector = Projector::new(frame, level);
-        let share = bricks.len().div_ceil(rayon::current_num_threads()).max(1);
-        let (mut sum, everywhere) = bricks
-            .par_chunks(share)
+        let mut sum = Self::nowhere(frame);
+        let parts =
+            (PARTS_BYTES / size_of_val(&sum.cells[..])).clamp(1, rayon::current_num_threads());
+        let parts: Vec<(Self, Interval)> = bricks
+            .par_chunks(bricks.len().div_ceil(parts).max(1))
             .map(|bricks| {
                 let mut part = (Self::nowhere(frame), NONE);
                 for brick in bricks {
@@ -67,18 +71,12 @@ impl Intervals {
                 }
                 part
             })
-            .reduce(
-                || (Self::nowhere(frame), NONE),
-                |mut a, b| {
-                    for (cell, other) in a.0.cells.iter_mut().zip(b.0.cells) {
-                        widen(cell, other);
-                    }
-                    widen(&mut a.1, b.1);
-                    a
-                },
-            );
-        for cell in &mut sum.cells {
-            widen(cell, everywhere);
+            .collect();
+        for (part, everywhere) in parts {
+            for (cell, other) in sum.cells.iter_mut().zip(part.cells) {
+                widen(cell, other);
+                widen(cell, everywhere);
+            }
         }
         sum
     }

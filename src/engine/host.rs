@@ -88,6 +88,10 @@ impl HostDevice {
         if let Renderer::Fast(renderer) = &mut self.renderer {
             **renderer = CpuRenderer::new(&self.store, ram_bytes, renderer.instructions());
         }
+        // The new renderer counts from 0.
+        if let Some(live) = &mut self.live {
+            live.before = CpuTraffic::default();
+        }
     }
 
     /// Drops what is decoded.
