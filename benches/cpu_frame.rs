@@ -15,10 +15,8 @@ use brickscope::classify::{grey_ramp, read_paraview};
 use brickscope::clock::Stopwatch;
 use brickscope::engine::{DeviceChoice, Engine, EngineOptions, InstructionSet};
 use brickscope::scene::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
-    Shading, ShadingModel, Technique, default_window, volume_bounds,
+    IsoSurface, Mode, PictureSettings, ShadingModel, default_window, volume_bounds,
 };
-use glam::Vec3;
 
 struct Args {
     store: PathBuf,
@@ -142,29 +140,15 @@ fn settings(
         }
     };
     let bounds = volume_bounds(meta.dims, &meta.world_from_index);
-    Ok(PictureSettings {
-        size: [512, 512],
-        background: Background::Color(Vec3::ZERO),
-        mode,
-        classification: Classification {
-            transfer,
-            opacity_unit_mm: args.unit_mm,
-            iso: args.iso.map(|value| IsoSurface {
-                value,
-                color: IsoSurface::DEFAULT_COLOR,
-            }),
-        },
-        shading: Shading {
-            model,
-            ..Shading::default()
-        },
-        step: 1.0,
-        interpolation: Interpolation::Linear,
-        refine: true,
-        lod: LodChoice::Auto,
-        lod_error: PictureSettings::LOD_ERROR,
-        opacity_cutoff: 0.99,
-        technique: Technique::Default,
-        camera: Camera::orbit(&bounds, 0.0, 0.0, 1.0, 30.0)?,
-    })
+    let camera = Camera::orbit(&bounds, 0.0, 0.0, 1.0, 30.0)?;
+    let mut settings = PictureSettings::new(mode, transfer, camera);
+    settings.size = [512, 512];
+    settings.classification.opacity_unit_mm = args.unit_mm;
+    settings
+        .classification
+        .iso
+        .extend(args.iso.map(IsoSurface::opaque));
+    settings.shading.model = model;
+    settings.step = 1.0;
+    Ok(settings)
 }

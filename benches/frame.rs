@@ -28,10 +28,9 @@ mod gpu {
     use brickscope::clock::Stopwatch;
     use brickscope::engine::{DeviceChoice, Engine, EngineOptions, SampleFilter};
     use brickscope::scene::{
-        Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
-        PictureStats, Shading, ShadingModel, Technique, default_window, volume_bounds,
+        IsoSurface, Mode, PictureSettings, PictureStats, ShadingModel, Technique, default_window,
+        volume_bounds,
     };
-    use glam::Vec3;
 
     struct Args {
         store: PathBuf,
@@ -179,31 +178,13 @@ mod gpu {
                 }
             };
             let settings = |technique, frame| -> Result<PictureSettings, Box<dyn Error>> {
-                Ok(PictureSettings {
-                    size: [args.size; 2],
-                    background: Background::Color(Vec3::ZERO),
-                    mode,
-                    classification: Classification {
-                        transfer: transfer.clone(),
-                        opacity_unit_mm: None,
-                        iso: Some(IsoSurface {
-                            value: iso,
-                            color: IsoSurface::DEFAULT_COLOR,
-                        }),
-                    },
-                    shading: Shading {
-                        model,
-                        ..Shading::default()
-                    },
-                    step: args.step,
-                    interpolation: Interpolation::Linear,
-                    refine: true,
-                    lod: LodChoice::Auto,
-                    lod_error: PictureSettings::LOD_ERROR,
-                    opacity_cutoff: 0.99,
-                    technique,
-                    camera: camera(frame)?,
-                })
+                let mut settings = PictureSettings::new(mode, transfer.clone(), camera(frame)?);
+                settings.size = [args.size; 2];
+                settings.classification.iso.push(IsoSurface::opaque(iso));
+                settings.shading.model = model;
+                settings.step = args.step;
+                settings.technique = technique;
+                Ok(settings)
             };
             let techniques = &args.techniques;
             let mut costs: Vec<Cost> = techniques.iter().map(|_| Cost::default()).collect();
@@ -234,10 +215,7 @@ mod gpu {
             }
             let n = f64::from(args.frames);
             for (technique, cost) in techniques.iter().zip(&costs) {
-                let tech = match technique {
-                    Technique::Default => "default",
-                    Technique::Basic => "basic",
-                };
+                let tech = technique.name();
                 println!(
                     "{name:>6} {shaded:>6} {tech:>8} | {:9.1} {:9.1} {:9.1} {:9.1} {:9.2} {:9.2} {:9} | {:.2}",
                     cost.cpu_ms / n,

@@ -103,8 +103,8 @@ fn a_sphere_has_the_silhouette_and_the_normals_of_a_sphere() {
         0.5 + (radius - ((p - 0.5) * 64.0).length()) / 32.0
     }));
     let mut s = settings(&store.store, Mode::Iso);
-    s.classification.iso.as_mut().unwrap().value = 0.5;
-    s.classification.iso.as_mut().unwrap().color = glam::Vec3::ONE;
+    s.classification.iso[0].value = 0.5;
+    s.classification.iso[0].color = glam::Vec3::ONE;
     s.shading.specular = 0.0;
     (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
     s.size = [128, 128];
@@ -139,8 +139,8 @@ fn a_linear_ramp_has_one_exact_gradient() {
     // to rounding: a seam at a brick's border would show here.
     let store = plain(field([96, 40, 40], VoxelType::F32, |p| p.x));
     let mut s = settings(&store.store, Mode::Iso);
-    s.classification.iso.as_mut().unwrap().value = 0.5;
-    s.classification.iso.as_mut().unwrap().color = glam::Vec3::ONE;
+    s.classification.iso[0].value = 0.5;
+    s.classification.iso[0].color = glam::Vec3::ONE;
     s.shading.specular = 0.0;
     (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
     let center = volume_bounds(

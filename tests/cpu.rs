@@ -204,7 +204,7 @@ fn sharp_edges() {
     let store = phantom("phantom:body:100,70,110:u8");
     for mode in MODES {
         let mut s = unlit(settings(&store.store, mode));
-        s.classification.iso.as_mut().unwrap().value = 150.3;
+        s.classification.iso[0].value = 150.3;
         check(&store, &s, &format!("body {}", mode.name()));
     }
 }
@@ -272,7 +272,7 @@ fn edits_reclassify_what_is_kept() {
         (Mode::Iso, 1200.0),
     ] {
         let mut s = unlit(settings(&store.store, mode));
-        s.classification.iso.as_mut().unwrap().value = value;
+        s.classification.iso[0].value = value;
         assert_same_bits(
             &engine.render(&s).unwrap().image,
             &reference(&store, &s).image,

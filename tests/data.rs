@@ -52,7 +52,7 @@ fn plain(store: &TestStore, mode: Mode, edge: u32) -> PictureSettings {
     let [low, high] = default_window(store.store.meta());
     s.classification.transfer =
         grey_ramp(low, high, if mode == Mode::Mip { 1.0 } else { 0.5 }).expect("a window");
-    s.classification.iso.as_mut().expect("a surface").value = low + 0.3 * (high - low);
+    s.classification.iso[0].value = low + 0.3 * (high - low);
     s.size = [edge; 2];
     s
 }

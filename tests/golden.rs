@@ -138,13 +138,13 @@ fn scenes_by_name() -> Vec<(&'static str, TestStore, PictureSettings)> {
     add(
         "body_iso_bone",
         body(),
-        &|_, s| s.classification.iso.as_mut().unwrap().value = 2700.0,
+        &|_, s| s.classification.iso[0].value = 2700.0,
         Mode::Iso,
     );
     add(
         "body_iso_skin_from_the_front",
         body(),
-        &|_, s| s.classification.iso.as_mut().unwrap().value = 500.0,
+        &|_, s| s.classification.iso[0].value = 500.0,
         Mode::Iso,
     );
     add("body_dvr", body(), &|_, _| {}, Mode::Dvr);

@@ -471,7 +471,7 @@ fn two_thousand_random_changes() {
             }
             3 => {
                 s.mode = MODES[next(3) as usize];
-                s.classification.iso.as_mut().unwrap().value = 200.0 + f64::from(next(3000));
+                s.classification.iso[0].value = 200.0 + f64::from(next(3000));
             }
             4 => {
                 s.lod_error = [0.3, 1.0, 3.0][next(3) as usize];

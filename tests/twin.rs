@@ -153,7 +153,7 @@ fn sharp_edges_match_the_reference() {
     let store = phantom("phantom:body:100,70,110:u8");
     for mode in MODES {
         let mut s = settings(&store.store, mode);
-        s.classification.iso.as_mut().unwrap().value = 150.3;
+        s.classification.iso[0].value = 150.3;
         check(&store, &s, 0, &format!("body {}", mode.name()));
     }
 }

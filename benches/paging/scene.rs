@@ -6,12 +6,9 @@ use brickscope::camera::Camera;
 use brickscope::classify::{
     ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction, grey_ramp,
 };
-use brickscope::scene::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
-    Shading, ShadingModel, Technique, default_window, volume_bounds,
-};
+use brickscope::scene::{IsoSurface, Mode, PictureSettings, default_window, volume_bounds};
 use brickscope::store::StoreMeta;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// What is made of the values.
@@ -74,37 +71,13 @@ impl View {
             Look::IsoAt { part } => part * iso,
             _ => iso,
         };
-        let model = if mode == Mode::Iso {
-            ShadingModel::Phong
-        } else {
-            ShadingModel::None
-        };
         let bounds = volume_bounds(meta.dims, &meta.world_from_index);
-        Ok(PictureSettings {
-            size: [self.size; 2],
-            background: Background::Color(Vec3::ZERO),
-            mode,
-            classification: Classification {
-                transfer,
-                opacity_unit_mm: None,
-                iso: Some(IsoSurface {
-                    value,
-                    color: IsoSurface::DEFAULT_COLOR,
-                }),
-            },
-            shading: Shading {
-                model,
-                ..Shading::default()
-            },
-            step: self.step,
-            interpolation: Interpolation::Linear,
-            refine: true,
-            lod: LodChoice::Auto,
-            lod_error: PictureSettings::LOD_ERROR,
-            opacity_cutoff: 0.99,
-            technique: Technique::Default,
-            camera: Camera::orbit(&bounds, self.azimuth, self.elevation, self.zoom, 30.0)?,
-        })
+        let camera = Camera::orbit(&bounds, self.azimuth, self.elevation, self.zoom, 30.0)?;
+        let mut settings = PictureSettings::new(mode, transfer, camera);
+        settings.size = [self.size; 2];
+        settings.classification.iso.push(IsoSurface::opaque(value));
+        settings.step = self.step;
+        Ok(settings)
     }
 }
 

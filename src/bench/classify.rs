@@ -249,29 +249,28 @@ impl Pictures {
             shading: Shading {
                 model: match mode {
                     Mode::Iso => ShadingModel::Phong,
-                    Mode::Dvr | Mode::Mip => ShadingModel::None,
+                    _ => ShadingModel::None,
                 },
                 ..settings.shading
             },
             ..settings.clone()
         };
-        let iso = *settings.classification.iso.get_or_insert(IsoSurface {
-            value: 0.5 * (low + high),
-            color: IsoSurface::DEFAULT_COLOR,
-        });
+        if settings.classification.iso.is_empty() {
+            let middle = IsoSurface::opaque(0.5 * (low + high));
+            settings.classification.iso.push(middle);
+        }
         let turn = Turn::new(&settings, meta, TURN_FRAMES);
         let original = turn.frame(0);
         let mut edited = original.clone();
         let moved = &mut edited.classification;
         match mode {
             Mode::Iso => {
-                moved.iso = Some(IsoSurface {
-                    value: iso.value + by,
-                    ..iso
-                });
+                for surface in &mut moved.iso {
+                    surface.value += by;
+                }
             }
             // x lies at x + by.
-            Mode::Dvr | Mode::Mip => moved.transfer = moved.transfer.stretched([by, 1.0 + by])?,
+            _ => moved.transfer = moved.transfer.stretched([by, 1.0 + by])?,
         }
         Ok(Self {
             from_aside: turn.frame(1),

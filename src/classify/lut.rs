@@ -27,6 +27,14 @@ pub enum OpacityCorrection {
         /// Length for which the transfer function's opacity holds, mm, more than 0 (`--opacity-unit`).
         unit_mm: f64,
     },
+    /// Not an opacity but the optical depth of one step, −ln(1 − a) · step/unit: for mode gradient, where it is scaled before
+    /// it becomes an opacity. At most that of an opacity of 1 − 10⁻⁷ per unit.
+    Depth {
+        /// As above.
+        step_mm: f64,
+        /// As above.
+        unit_mm: f64,
+    },
 }
 
 impl OpacityCorrection {
@@ -35,6 +43,7 @@ impl OpacityCorrection {
         match self {
             Self::None => a,
             Self::Step { step_mm, unit_mm } => -((-a).ln_1p() * (step_mm / unit_mm)).exp_m1(),
+            Self::Depth { step_mm, unit_mm } => -(-a.min(1.0 - 1e-7)).ln_1p() * (step_mm / unit_mm),
         }
     }
 }
@@ -67,7 +76,7 @@ impl Lut {
         } else {
             lo + 1.0_f32.max(lo.abs() * 1e-6)
         };
-        let index_lo_scale = [lo, index_scale(hi - lo)];
+        let index_lo_scale = [lo, index_scale(hi - lo, LUT_ENTRIES)];
         let [lo, hi] = [lo, hi].map(f64::from);
         let last = (LUT_ENTRIES - 1) as f64;
         let entries = (0..LUT_ENTRIES)
@@ -141,10 +150,10 @@ impl Lut {
     }
 }
 
-/// The scale that takes `length` to the last index: rounded up where needed, so that the end of the domain reads the
-/// last entry and nothing of the one before it.
-fn index_scale(length: f32) -> f32 {
-    let last = (LUT_ENTRIES - 1) as f32;
+/// The scale that takes `length` to the last index of `entries`: rounded up where needed, so that the end of the domain reads
+/// the last entry and nothing of the one before it.
+pub(super) fn index_scale(length: f32, entries: usize) -> f32 {
+    let last = (entries - 1) as f32;
     let mut scale = last / length;
     // A division is off by at most half a unit: one step is enough.
     if length * scale < last {
@@ -196,7 +205,7 @@ mod tests {
     fn the_ends_of_the_domain_read_the_end_entries_exactly() {
         let mut length = 1e-3_f32;
         while length < 1e6 {
-            let x = length * index_scale(length);
+            let x = length * index_scale(length, LUT_ENTRIES);
             let last = (LUT_ENTRIES - 1) as f32;
             assert!(
                 x >= last && x < last + 0.01,

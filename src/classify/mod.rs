@@ -15,6 +15,7 @@ mod curve;
 mod lut;
 mod occupancy;
 mod paraview;
+mod preintegrated;
 mod presets;
 mod transfer;
 mod visibility;
@@ -25,6 +26,7 @@ pub use curve::{
 pub use lut::{LUT_ENTRIES, Lut, OpacityCorrection};
 pub use occupancy::Occupancy;
 pub use paraview::{TransferFileError, parse_paraview, read_paraview, to_paraview};
+pub use preintegrated::{PreintegratedTable, TransferIntegrals};
 pub use presets::{Preset, PresetScale};
 pub use transfer::{TransferFunction, grey_ramp, window_range};
 pub use visibility::{IsoValues, OpacityTable, Visibility};

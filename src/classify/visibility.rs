@@ -4,7 +4,8 @@
 //! Conservative by construction: it looks at the very table that is rendered with, the range widened outward by one
 //! entry and by a few f32 roundings, so that it never says no where a sample drawn from the range would show.
 
-use super::lut::{LUT_ENTRIES, Lut};
+use super::lut::Lut;
+use super::preintegrated::TransferIntegrals;
 
 /// Roundings of f32 by which a range is widened: interpolating between values of a range can leave it by about three.
 const ROUNDINGS: f32 = 4.0;
@@ -41,6 +42,11 @@ impl Visibility {
         Self::Iso(IsoValues::new(values, domain))
     }
 
+    /// Values that have opacity between two entries of the tables made from `integrals`.
+    pub fn preintegrated(integrals: &TransferIntegrals) -> Self {
+        Self::Opacity(OpacityTable::of_integrals(integrals))
+    }
+
     /// False only if no value from `lo` to `hi` (stored, lo ≤ hi) can be seen. A range with a NaN can.
     pub fn is_visible(&self, lo: f32, hi: f32) -> bool {
         if lo.is_nan() || hi.is_nan() {
@@ -68,11 +74,26 @@ pub struct OpacityTable {
 impl OpacityTable {
     /// The counts for `lut`.
     pub fn new(lut: &Lut) -> Self {
-        let [lo, scale] = lut.index_lo_scale();
+        Self::of_flags(
+            lut.entries().iter().map(|e| e[3] > 0.0),
+            lut.index_lo_scale(),
+        )
+    }
+
+    /// The counts for the tables made from `integrals`: an entry counts if there is opacity at it or between it and the one
+    /// before, so that a segment between two values is judged by all that lies between the entries around them.
+    pub fn of_integrals(integrals: &TransferIntegrals) -> Self {
+        Self::of_flags(
+            integrals.opaque().iter().copied(),
+            integrals.index_lo_scale(),
+        )
+    }
+
+    fn of_flags(flags: impl Iterator<Item = bool>, [lo, scale]: [f32; 2]) -> Self {
         let mut count = 0;
         let before = std::iter::once(0)
-            .chain(lut.entries().iter().map(|e| {
-                count += u16::from(e[3] > 0.0);
+            .chain(flags.map(|flag| {
+                count += u16::from(flag);
                 count
             }))
             .collect();
@@ -83,7 +104,7 @@ impl OpacityTable {
     fn is_visible(&self, lo: f32, hi: f32) -> bool {
         let slack = ROUNDINGS * f32::EPSILON * lo.abs().max(hi.abs());
         let place = |v: f32| (v - self.lo) * self.scale;
-        let last = LUT_ENTRIES - 1;
+        let last = self.before.len() - 2;
         // Lut::index, and one entry outward: floor − 1 below, floor + 1 (the other end of the line) + 1 above. Values at
         // and beyond the table's ends read the end entries alone, exactly: air at the foot of a ramp can't be seen.
         let index = |v: f32| place(v).max(0.0).min(last as f32) as usize;
@@ -95,7 +116,7 @@ impl OpacityTable {
         let end = if place(hi + slack) <= 0.0 {
             1
         } else {
-            (index(hi + slack) + 3).min(LUT_ENTRIES)
+            (index(hi + slack) + 3).min(last + 1)
         };
         self.before[end] > self.before[first]
     }
@@ -133,11 +154,11 @@ mod tests {
 
     use super::*;
     use crate::classify::{
-        ColorCurve, ColorPoint, ColorSpace, OpacityCorrection, OpacityCurve, OpacityPoint,
-        TransferFunction,
+        ColorCurve, ColorPoint, ColorSpace, LUT_ENTRIES, OpacityCorrection, OpacityCurve,
+        OpacityPoint, TransferFunction,
     };
 
-    fn lut(points: &[(f64, f64, f64)], domain: [f64; 2]) -> Lut {
+    fn function(points: &[(f64, f64, f64)]) -> TransferFunction {
         let mut xs: Vec<f64> = points.iter().map(|p| p.0).collect();
         xs.sort_by(f64::total_cmp);
         let points = xs
@@ -150,7 +171,7 @@ mod tests {
                 ..OpacityPoint::linear(x, 0.0)
             })
             .collect();
-        let tf = TransferFunction {
+        TransferFunction {
             name: String::new(),
             color: ColorCurve::new(
                 vec![ColorPoint {
@@ -161,12 +182,15 @@ mod tests {
             )
             .unwrap(),
             opacity: OpacityCurve::new(points).unwrap(),
-        };
+        }
+    }
+
+    fn lut(points: &[(f64, f64, f64)], domain: [f64; 2]) -> Lut {
         let correction = OpacityCorrection::Step {
             step_mm: 0.1,
             unit_mm: 1.0,
         };
-        Lut::bake(&tf, (1.0, 0.0), domain, correction)
+        Lut::bake(&function(points), (1.0, 0.0), domain, correction)
     }
 
     #[test]
@@ -204,6 +228,28 @@ mod tests {
             let last = (lut.index(hi) as usize + slack).min(LUT_ENTRIES - 1);
             let near = lut.entries()[first..=last].iter().any(|e| e[3] > 0.0);
             prop_assert!(!visible || near, "nothing near [{lo}, {hi}] shows");
+        }
+
+        /// The same for segments: never invisible where one between two values of the range would show.
+        #[test]
+        fn segments_are_judged_conservatively(
+            points in proptest::collection::vec((0.0..1000.0, 0.0..1.0, 0.0..1.0), 2..12),
+            a in 0.0..1000.0_f64,
+            width in prop_oneof![0.0..5.0_f64, 0.0..800.0_f64],
+        ) {
+            let integrals =
+                TransferIntegrals::new(&function(&points), (1.0, 0.0), [0.0, 1000.0], 256, 1.0);
+            let table = integrals.table(0.1);
+            let (lo, hi) = (a as f32, (a + width).min(1000.0) as f32);
+            let visible = Visibility::preintegrated(&integrals).is_visible(lo, hi);
+            let value = |i: u8| lo + (hi - lo) * (f32::from(i) / 30.0);
+            let shown = (0..=30).any(|i| (0..=30).any(|j| table.sample(value(i), value(j))[3] > 0.0));
+            prop_assert!(visible || !shown, "a segment within [{lo}, {hi}] shows");
+            // Three entries further out there must be something.
+            let entry = 1000.0 / 255.0;
+            let near = |v: f32, by: f64| (f64::from(v) + by).clamp(0.0, 1000.0) as f32;
+            let wide = table.sample(near(lo, -3.5 * entry), near(hi, 3.5 * entry))[3] > 0.0;
+            prop_assert!(!visible || wide, "nothing near [{lo}, {hi}] shows");
         }
 
         #[test]

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use glam::{DVec3, U64Vec3, Vec3};
 
 use crate::geom::{Lod, VoxelBox};
-use crate::scene::{Background, IsoSurface, LodChoice};
+use crate::scene::{AntiAliasing, Background, IsoSurface, LodChoice, SamplePattern};
 
 /// A number of bytes: `512MiB`, `2GiB`, `4096`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -133,21 +133,78 @@ pub fn background(s: &str) -> Result<Background, String> {
         .map_err(|e| format!("{e}, or transparent"))
 }
 
-/// `VALUE[:COLOR[:OPACITY]]`, the surface of mode iso.
-pub fn iso_surface(s: &str) -> Result<IsoSurface, String> {
+/// The surfaces of one `--iso`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IsoSurfaces(pub Vec<IsoSurface>);
+
+/// `VALUE[:COLOR[:OPACITY]]`, a surface of mode iso, or `LOW..HIGH[:COLOR[:OPACITY]]`, the two that bound an interval of values.
+pub fn iso_surfaces(s: &str) -> Result<IsoSurfaces, String> {
     let mut parts = s.splitn(3, ':');
-    let value = parts
+    let number = |v: &str| v.parse::<f64>().ok().filter(|v| v.is_finite());
+    let values = parts
         .next()
-        .and_then(|v| v.parse::<f64>().ok())
-        .filter(|v| v.is_finite())
+        .and_then(|v| match v.split_once("..") {
+            None => Some(vec![number(v)?]),
+            Some((low, high)) => {
+                let (low, high) = (number(low)?, number(high)?);
+                (low < high).then(|| vec![low, high])
+            }
+        })
         .ok_or_else(|| {
-            format!("'{s}': expected VALUE or VALUE:COLOR, VALUE a finite number in physical units")
+            format!(
+                "'{s}': expected VALUE or LOW..HIGH, then if wanted :COLOR and :OPACITY; values are finite numbers in \
+                 physical units"
+            )
         })?;
     let color = parts.next().map_or(Ok(IsoSurface::DEFAULT_COLOR), color)?;
-    match parts.next().map(str::parse::<f64>) {
-        None | Some(Ok(1.0)) => Ok(IsoSurface { value, color }),
-        Some(_) => Err(format!(
-            "'{s}': only opaque surfaces are built; leave the opacity out, or make it 1"
+    let opacity = parts.next().map_or(Ok(1.0), |o| {
+        o.parse::<f32>()
+            .ok()
+            .filter(|o| (0.0..=1.0).contains(o))
+            .ok_or_else(|| format!("'{s}': expected an opacity from 0 to 1 behind the colour"))
+    })?;
+    let surface = |value| IsoSurface {
+        value,
+        color,
+        opacity,
+    };
+    Ok(IsoSurfaces(values.into_iter().map(surface).collect()))
+}
+
+/// `1`, `2`, `4`, `4r` or `8`: rays of a pixel.
+pub fn sample_pattern(s: &str) -> Result<SamplePattern, String> {
+    use SamplePattern::{Eight, Four, FourRotated, One, Two};
+    [One, Two, Four, FourRotated, Eight]
+        .into_iter()
+        .find(|p| p.name() == s)
+        .ok_or_else(|| format!("'{s}': expected 1, 2, 4, 4r (rotated grid) or 8"))
+}
+
+/// What `--aa` says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AaArg {
+    /// `off`.
+    Off,
+    /// `full`.
+    Full,
+    /// `selective[:THRESHOLD]`.
+    Selective(f32),
+}
+
+/// `off`, `full`, or `selective[:THRESHOLD]`.
+pub fn anti_aliasing(s: &str) -> Result<AaArg, String> {
+    match s.split_once(':') {
+        None if s == "off" => Ok(AaArg::Off),
+        None if s == "full" => Ok(AaArg::Full),
+        None if s == "selective" => Ok(AaArg::Selective(AntiAliasing::THRESHOLD)),
+        Some(("selective", t)) => t
+            .parse::<f32>()
+            .ok()
+            .filter(|t| (0.0..=1.0).contains(t))
+            .map(AaArg::Selective)
+            .ok_or_else(|| format!("'{s}': expected a threshold from 0 to 1 behind selective:")),
+        _ => Err(format!(
+            "'{s}': expected off, full or selective[:THRESHOLD]"
         )),
     }
 }
@@ -241,9 +298,23 @@ mod tests {
         assert_eq!(color("#ff0000"), Ok(Vec3::X));
         assert_eq!(color("0,0.5,1"), Ok(Vec3::new(0.0, 0.5, 1.0)));
         assert!(color("0,0,2").is_err() && color("#ff").is_err() && color("red").is_err());
-        assert_eq!(iso_surface("-300").unwrap().value, -300.0);
-        assert_eq!(iso_surface("300:#00ff00:1").unwrap().color, Vec3::Y);
-        assert!(iso_surface("300:#00ff00:0.5").is_err() && iso_surface("nan").is_err());
+        assert_eq!(
+            iso_surfaces("-300"),
+            Ok(IsoSurfaces(vec![IsoSurface::opaque(-300.0)]))
+        );
+        let IsoSurfaces(interval) = iso_surfaces("-30..1e2:#00ff00:0.5").unwrap();
+        assert_eq!(
+            interval.iter().map(|s| s.value).collect::<Vec<_>>(),
+            [-30.0, 100.0]
+        );
+        assert_eq!((interval[1].color, interval[1].opacity), (Vec3::Y, 0.5));
+        for bad in ["nan", "5..1", "1..", "3:#00ff00:2", "3:#00ff00:", "3:x"] {
+            assert!(iso_surfaces(bad).is_err(), "{bad:?} is no surface");
+        }
+        assert_eq!(sample_pattern("4r"), Ok(SamplePattern::FourRotated));
+        assert!(sample_pattern("16").is_err() && sample_pattern("3").is_err());
+        assert_eq!(anti_aliasing("selective:0.1"), Ok(AaArg::Selective(0.1)));
+        assert!(anti_aliasing("selective:2").is_err() && anti_aliasing("full:1").is_err());
         assert_eq!(orbit("30,-20"), Ok([30.0, -20.0, 1.0]));
     }
 }

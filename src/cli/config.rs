@@ -6,13 +6,14 @@ use anyhow::{Context, bail};
 use clap::ValueEnum;
 use glam::DVec3;
 
-use super::args::{self, ByteSize};
+use super::args::{self, AaArg, ByteSize, IsoSurfaces};
 use crate::camera::{Camera, DEFAULT_FOV_Y_DEGREES, Projection};
 use crate::classify::{Preset, TransferFunction, grey_ramp, read_paraview, window_range};
 use crate::engine::{DeviceChoice, EngineOptions};
 use crate::scene::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
-    Shading, ShadingModel, Technique, default_window, volume_bounds,
+    AntiAliasing, Background, Classification, GradientFilter, Interpolation, IsoSurface, Jitter,
+    LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
+    TransferMode, default_window, volume_bounds,
 };
 use crate::store::StoreMeta;
 
@@ -21,6 +22,24 @@ pub(super) enum ModeArg {
     Dvr,
     Iso,
     Mip,
+    Minip,
+    Mean,
+    Xray,
+    Gradient,
+}
+
+impl ModeArg {
+    fn mode(self) -> Mode {
+        match self {
+            Self::Dvr => Mode::Dvr,
+            Self::Iso => Mode::Iso,
+            Self::Mip => Mode::Mip,
+            Self::Minip => Mode::MinIp,
+            Self::Mean => Mode::Mean,
+            Self::Xray => Mode::Xray,
+            Self::Gradient => Mode::Gradient,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -51,11 +70,39 @@ enum ProjectionArg {
 enum TechniqueArg {
     Default,
     Basic,
+    Multipass,
+    Layers,
+    Slab,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum JitterArg {
+    None,
+    Interleaved,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum GradientArg {
+    /// Differences of six values around the point
+    Central,
+    /// The mean of those at seven points
+    Filtered,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum QualityArg {
+    /// Half a voxel at rest
+    Balanced,
+    /// One voxel at rest
+    Fast,
+    /// A quarter of a voxel at rest
+    Fine,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum TfModeArg {
     Post,
+    Preintegrated,
 }
 
 /// The flags of a picture, as typed.
@@ -70,9 +117,17 @@ pub(super) struct PictureArgs {
     /// What is computed along a ray
     #[arg(long, value_enum, default_value = "dvr", help_heading = "Picture")]
     mode: ModeArg,
-    /// Value of the surface of mode iso, physical (HU for CT), with its colour
-    #[arg(long, value_name = "VALUE[:COLOR]", value_parser = args::iso_surface, allow_hyphen_values = true, help_heading = "Picture")]
-    iso: Option<IsoSurface>,
+    /// Value of a surface of mode iso, physical (HU for CT), with its colour and opacity; LOW..HIGH bounds an interval.
+    /// Repeatable
+    #[arg(long, value_name = "VALUE[:COLOR[:OPACITY]]", value_parser = args::iso_surfaces, allow_hyphen_values = true, help_heading = "Picture")]
+    iso: Vec<IsoSurfaces>,
+    /// Rays of a pixel: 1, 2, 4, 4r (rotated grid) or 8; more than 1 means --aa full unless --aa says otherwise
+    #[arg(long, value_name = "N", value_parser = args::sample_pattern, help_heading = "Picture")]
+    samples: Option<SamplePattern>,
+    /// Which pixels get several rays: off, full (all of them), or selective[:THRESHOLD] (those that differ from a
+    /// neighbour by more, 0 to 1); with 4r rays unless --samples says otherwise
+    #[arg(long, value_name = "off|selective[:T]|full", value_parser = args::anti_aliasing, help_heading = "Picture")]
+    aa: Option<AaArg>,
 
     /// Transfer function: a name of 'brickscope presets', or a ParaView JSON file
     #[arg(long, value_name = "NAME|FILE.json", help_heading = "Classification")]
@@ -83,7 +138,7 @@ pub(super) struct PictureArgs {
     /// Length for which the opacity holds [default: the smallest spacing]
     #[arg(long, value_name = "MM", value_parser = args::positive, help_heading = "Classification")]
     opacity_unit: Option<f64>,
-    /// Classify samples after interpolation
+    /// Mode dvr: classify each sample, or each segment between two by integrals
     #[arg(
         long,
         value_enum,
@@ -92,7 +147,7 @@ pub(super) struct PictureArgs {
     )]
     tf_mode: TfModeArg,
 
-    /// Lighting [default: phong for iso, none otherwise]
+    /// Lighting [default: phong for iso and gradient, none otherwise]
     #[arg(long, value_enum, help_heading = "Light")]
     shading: Option<ShadingArg>,
     /// Direction in which the light shines, world [default: along each ray]
@@ -111,9 +166,24 @@ pub(super) struct PictureArgs {
     #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
     shininess: Option<f64>,
 
-    /// Distance of samples in units of the smallest spacing of level 0
-    #[arg(long, value_name = "VOXELS", default_value = "0.5", value_parser = args::positive, help_heading = "Sampling")]
-    step: f64,
+    /// How normals come about
+    #[arg(long, value_enum, default_value = "central", help_heading = "Light")]
+    gradient: GradientArg,
+
+    /// Distance of samples in units of the smallest spacing of level 0 [default: 0.5, or as --quality says]
+    #[arg(long, value_name = "VOXELS", value_parser = args::positive, help_heading = "Sampling")]
+    step: Option<f64>,
+    /// Distances of samples at rest and, in a window, while the camera moves
+    #[arg(
+        long,
+        value_enum,
+        default_value = "balanced",
+        help_heading = "Sampling"
+    )]
+    quality: QualityArg,
+    /// Samples of neighbouring rays at the same distances, or offset in tiles of 4×4 pixels
+    #[arg(long, value_enum, default_value = "none", help_heading = "Sampling")]
+    jitter: JitterArg,
     /// Values between voxel centres
     #[arg(long, value_enum, default_value = "linear", help_heading = "Sampling")]
     interpolation: InterpolationArg,
@@ -165,9 +235,13 @@ pub(super) struct PictureArgs {
     /// Decoded bricks kept in host memory [default: 1GiB]
     #[arg(long, value_name = "SIZE", help_heading = "Machine")]
     ram: Option<ByteSize>,
-    /// How rays are walked; both give the same picture
+    /// How rays are walked; all give the same picture
     #[arg(long, value_enum, default_value = "default", help_heading = "Machine")]
     technique: TechniqueArg,
+    /// While a camera moves, start rays where those of the frame before first met something; the final picture is always
+    /// drawn without
+    #[arg(long, value_enum, default_value = "off", help_heading = "Machine")]
+    leap: Switch,
 }
 
 impl PictureArgs {
@@ -207,7 +281,10 @@ impl PictureArgs {
         let (modes, sizes, steps) = (
             or(modes, self.mode),
             or(sizes, self.size),
-            or(steps, self.step),
+            or(
+                &steps.iter().copied().map(Some).collect::<Vec<_>>(),
+                self.step,
+            ),
         );
         let mut variants = Vec::new();
         for &mode in &modes {
@@ -248,16 +325,32 @@ impl PictureArgs {
         meta: &StoreMeta,
         notes: &mut Vec<String>,
     ) -> anyhow::Result<PictureSettings> {
-        let mode = match self.mode {
-            ModeArg::Dvr => Mode::Dvr,
-            ModeArg::Iso => Mode::Iso,
-            ModeArg::Mip => Mode::Mip,
-        };
-        if mode == Mode::Iso && self.iso.is_none() {
+        let mode = self.mode.mode();
+        let iso: Vec<IsoSurface> = self.iso.iter().flat_map(|i| i.0.clone()).collect();
+        if mode == Mode::Iso && iso.is_empty() {
             bail!(
                 "mode iso needs a value; give one with --iso VALUE, in physical units (such as 300 for HU)"
             );
         }
+        if iso.len() > IsoSurface::MOST {
+            bail!(
+                "{} iso-values (an interval has two); at most {} fit one picture",
+                iso.len(),
+                IsoSurface::MOST
+            );
+        }
+        if self.technique == TechniqueArg::Slab && self.jitter == JitterArg::Interleaved {
+            bail!(
+                "--technique slab takes gradients from neighbouring rays, whose samples must lie at the same distances; \
+                 leave --jitter out, or take another technique"
+            );
+        }
+        let quality = match self.quality {
+            QualityArg::Balanced => Quality::Balanced,
+            QualityArg::Fast => Quality::Fast,
+            QualityArg::Fine => Quality::Fine,
+        };
+        let [step, moving_step] = quality.steps(mode);
         Ok(PictureSettings {
             size: self.size,
             background: self.background,
@@ -265,10 +358,21 @@ impl PictureArgs {
             classification: Classification {
                 transfer: self.transfer(mode, meta, notes)?,
                 opacity_unit_mm: self.opacity_unit,
-                iso: self.iso,
+                iso,
+                transfer_mode: match self.tf_mode {
+                    TfModeArg::Post => TransferMode::Post,
+                    TfModeArg::Preintegrated => TransferMode::Preintegrated,
+                },
             },
             shading: self.shading(mode)?,
-            step: self.step,
+            step: self.step.unwrap_or(step),
+            moving_step,
+            jitter: match self.jitter {
+                JitterArg::None => Jitter::None,
+                JitterArg::Interleaved => Jitter::Interleaved,
+            },
+            leap: self.leap == Switch::On,
+            anti_aliasing: self.anti_aliasing(),
             interpolation: match self.interpolation {
                 InterpolationArg::Linear => Interpolation::Linear,
                 InterpolationArg::Nearest => Interpolation::Nearest,
@@ -280,6 +384,9 @@ impl PictureArgs {
             technique: match self.technique {
                 TechniqueArg::Default => Technique::Default,
                 TechniqueArg::Basic => Technique::Basic,
+                TechniqueArg::Multipass => Technique::Multipass,
+                TechniqueArg::Layers => Technique::Layers,
+                TechniqueArg::Slab => Technique::Slab,
             },
             camera: self.camera(meta)?,
         })
@@ -291,7 +398,6 @@ impl PictureArgs {
         meta: &StoreMeta,
         notes: &mut Vec<String>,
     ) -> anyhow::Result<TransferFunction> {
-        let TfModeArg::Post = self.tf_mode;
         let range = match self.window {
             Some([center, width]) => window_range(center, width).with_context(|| {
                 format!("--window {center},{width}: expected a centre and a width above 0")
@@ -299,7 +405,11 @@ impl PictureArgs {
             None => default_window(meta),
         };
         // cli.md, "Colour": a ramp is half opaque at its end, except where the look-up is a projection's only one.
-        let top_opacity = if mode == Mode::Mip { 1.0 } else { 0.5 };
+        let top_opacity = if mode.projects() || mode == Mode::Xray {
+            1.0
+        } else {
+            0.5
+        };
         let Some(name) = &self.tf else {
             return Ok(grey_ramp(range[0], range[1], top_opacity)?);
         };
@@ -327,12 +437,11 @@ impl PictureArgs {
     }
 
     fn shading(&self, mode: Mode) -> anyhow::Result<Shading> {
-        let default = Shading::default();
+        let default = Shading::of_mode(mode);
         let model = match self.shading {
             Some(ShadingArg::None) => ShadingModel::None,
             Some(ShadingArg::Phong) => ShadingModel::Phong,
-            None if mode == Mode::Iso => ShadingModel::Phong,
-            None => ShadingModel::None,
+            None => default.model,
         };
         if self.light.is_some_and(|d| d == DVec3::ZERO) {
             bail!("--light 0,0,0 has no direction");
@@ -345,7 +454,25 @@ impl PictureArgs {
             diffuse: or(self.diffuse, default.diffuse),
             specular: or(self.specular, default.specular),
             shininess: or(self.shininess, default.shininess),
+            gradient: match self.gradient {
+                GradientArg::Central => GradientFilter::Central,
+                GradientArg::Filtered => GradientFilter::Filtered,
+            },
         })
+    }
+
+    /// `--samples` alone means all pixels, `--aa` alone the rotated grid.
+    fn anti_aliasing(&self) -> AntiAliasing {
+        let pattern = self.samples.unwrap_or(match self.aa {
+            None => SamplePattern::One,
+            Some(_) => SamplePattern::FourRotated,
+        });
+        match self.aa {
+            Some(AaArg::Off) => AntiAliasing::Off,
+            _ if pattern == SamplePattern::One => AntiAliasing::Off,
+            Some(AaArg::Selective(threshold)) => AntiAliasing::Selective { pattern, threshold },
+            Some(AaArg::Full) | None => AntiAliasing::Full(pattern),
+        }
     }
 
     fn camera(&self, meta: &StoreMeta) -> anyhow::Result<Camera> {

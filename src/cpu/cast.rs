@@ -72,9 +72,9 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
         contributing: l.i(0),
     };
     let color = match scene.mode {
-        Mode::Dvr => caster.dvr::<K>(),
         Mode::Iso => caster.iso::<K>(),
         Mode::Mip => caster.mip::<K>(),
+        _ => caster.dvr::<K>(),
     };
     let taken = sum(l, caster.samples);
     *counts += RayCounts {

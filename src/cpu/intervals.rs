@@ -227,7 +227,7 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::geom::Lod;
-    use crate::scene::{GridParams, LodRule};
+    use crate::scene::{GridParams, Jitter, LodRule};
 
     /// Every sample of every ray that lies in an active block is inside its cell's interval.
     #[test]
@@ -239,6 +239,7 @@ mod tests {
             DVec3::new(5.0, -40.0, 3.0),
         );
         let params = GridParams {
+            jitter: Jitter::None,
             dims,
             level_scales: vec![DVec3::ONE],
             lod: LodRule::Fixed(Lod(0)),

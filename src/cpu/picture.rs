@@ -221,10 +221,10 @@ impl CpuRenderer {
             self.cache.store().check_level(level.lod)?;
             let purpose = match (picture.settings.technique, picture.settings.mode) {
                 (Technique::Basic, _) => Purpose::Everything,
-                (Technique::Default, Mode::Mip) => Purpose::Highest,
-                (Technique::Default, mode) => Purpose::Skip(Seen {
+                (_, Mode::Mip) => Purpose::Highest,
+                (_, _) => Purpose::Skip(Seen {
                     visibility: classified.visibility.clone(),
-                    iso: (mode == Mode::Iso).then_some(picture.classified.iso_stored),
+                    iso: picture.classified.surfaces.first().map(|s| s.value),
                 }),
             };
             levels.push(self.classified(level.lod, purpose));
@@ -259,14 +259,14 @@ fn scene_of(picture: &CpuPicture) -> Scene<'_> {
         light: Scene::light_of(settings),
         mode: settings.mode,
         interpolation: settings.interpolation,
-        iso_stored: classified.iso_stored,
-        iso_color: settings
-            .classification
-            .iso
+        iso_stored: classified.surfaces.first().map_or(0.0, |s| s.value),
+        iso_color: classified
+            .surfaces
+            .first()
             .map_or([1.0; 3], |s| s.color.to_array()),
         refine: settings.refine,
         opacity_cutoff: settings.opacity_cutoff,
-        floor: classified.value_floor,
+        floor: classified.value_range[0],
         culls: settings.technique == Technique::Default,
     }
 }

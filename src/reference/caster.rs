@@ -1,17 +1,14 @@
-//! The raycaster: one loop per mode over the sample grid of the frame, level by level, no skipping.
+//! The raycaster: every sample of the frame's grid, level by level, no skipping. What a sample does to its ray is told mode
+//! by mode in [`super::modes`].
 
 use std::sync::atomic::Ordering;
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::field::{FieldReader, VoxelField};
-use super::shade::phong;
-use crate::classify::Lut;
-use crate::scene::{
-    Classified, Image, Interpolation, LevelFrame, Mode, PictureSettings, RayCounts, RayFrame,
-    ShadingModel,
-};
+use super::field::VoxelField;
+use super::modes::Caster;
+use crate::scene::{Classified, Image, LevelFrame, PictureSettings, RayCounts, RayFrame};
 use crate::store::StoreError;
 
 /// A picture and what it took.
@@ -45,23 +42,9 @@ pub fn render(
                 let mut row = Vec::with_capacity(width as usize);
                 let mut counts = RayCounts::default();
                 for x in 0..width {
-                    let spans = frame
-                        .used()
-                        .iter()
-                        .zip(&classified.levels)
-                        .map(|(level, table)| (Ray::new(frame, level, x, y), level, &table.lut));
-                    let mut caster = Caster {
-                        readers,
-                        settings,
-                        iso: classified.iso_stored,
-                        value_floor: classified.value_floor,
-                        counts: RayCounts::default(),
-                    };
-                    row.push(match settings.mode {
-                        Mode::Dvr => caster.dvr(spans),
-                        Mode::Iso => caster.iso(spans),
-                        Mode::Mip => caster.mip(spans),
-                    });
+                    let mut caster = Caster::new(readers, settings, classified);
+                    cast(&mut caster, frame, settings, x, y);
+                    row.push(caster.finish());
                     counts += caster.counts;
                 }
                 match readers.iter_mut().find_map(|r| r.error.take()) {
@@ -91,11 +74,33 @@ pub fn render(
     })
 }
 
+/// Takes the samples of the ray of pixel (x, y), as many as its mode wants.
+fn cast<'a>(
+    caster: &mut Caster<'_, '_, 'a>,
+    frame: &'a RayFrame,
+    settings: &PictureSettings,
+    x: u32,
+    y: u32,
+) {
+    for (l, level) in frame.used().iter().enumerate() {
+        let ray = Ray::new(frame, level, x, y);
+        // The sample at a switch is the coarser level's; but a segment has the level of its first sample, and both ends
+        // are sampled there (design.md §3).
+        let end = level.end as i32 - i32::from(!settings.is_by_segment());
+        caster.begin_level(l, level, &ray);
+        for i in ray.first..=ray.last.min(end) {
+            if caster.take(i) {
+                return;
+            }
+        }
+    }
+}
+
 /// A ray at one level as the shader has it: offsets in level voxels from the level's anchor, by sample of that level.
 #[derive(Clone, Copy, Debug)]
-struct Ray {
+pub(super) struct Ray {
     /// Unit direction, world.
-    direction: Vec3,
+    pub(super) direction: Vec3,
     /// Offset of sample 0.
     base: Vec3,
     /// From a sample to the next.
@@ -107,14 +112,14 @@ struct Ray {
 
 impl Ray {
     fn new(frame: &RayFrame, level: &LevelFrame, x: u32, y: u32) -> Self {
-        let u = (x as f32 + 0.5) * (2.0 / frame.size[0] as f32) - 1.0;
-        let v = 1.0 - (y as f32 + 0.5) * (2.0 / frame.size[1] as f32);
+        let [u, v] = frame.plane_of_pixel(x, y);
+        let first_mm = frame.first_mm_of_pixel(x, y);
         let at = |q: &[Vec3; 3]| q[0] + q[1] * u + q[2] * v;
         let world = at(&frame.world_dir);
         let length = world.dot(world).sqrt();
         let inverse = 1.0 / length;
         let direction = at(&level.level_dir);
-        let base = at(&level.level_origin) + direction * (inverse * frame.first_mm);
+        let base = at(&level.level_origin) + direction * (inverse * first_mm);
         let mut step = direction * (inverse * level.step_mm);
         // No axis may stand still: the slab test divides by it.
         for axis in 0..3 {
@@ -126,7 +131,7 @@ impl Ray {
         let to_max = (level.box_max - base) / step;
         let near = to_min.min(to_max).max_element();
         let far = to_min.max(to_max).min_element();
-        let near_plane = (frame.near_mm * length - frame.first_mm) / level.step_mm;
+        let near_plane = (frame.near_mm * length - first_mm) / level.step_mm;
         let first = near.max(near_plane).max(level.begin as f32).ceil();
         let last = far.min((frame.last_index >> level.lod.0) as f32).floor();
         // An empty ray may have any numbers; keep them inside i32.
@@ -139,128 +144,8 @@ impl Ray {
         }
     }
 
-    fn offset(&self, index: f32) -> Vec3 {
+    /// Offset of sample `index`; fractions are between samples.
+    pub(super) fn offset(&self, index: f32) -> Vec3 {
         self.base + index * self.step
-    }
-}
-
-/// A ray's part at each level, the level, and its table.
-type Span<'a> = (Ray, &'a LevelFrame, &'a Lut);
-
-struct Caster<'r, 'f, 'a> {
-    /// One per level.
-    readers: &'r mut [FieldReader<'f>],
-    settings: &'a PictureSettings,
-    iso: f32,
-    value_floor: f32,
-    counts: RayCounts,
-}
-
-impl Caster<'_, '_, '_> {
-    /// The value of level number `l` of the frame.
-    fn value(&mut self, l: usize, level: &LevelFrame, offset: Vec3) -> f32 {
-        match self.settings.interpolation {
-            Interpolation::Linear => self.readers[l].trilinear(level.anchor, offset),
-            Interpolation::Nearest => self.readers[l].nearest(level.anchor, offset),
-        }
-    }
-
-    /// Central differences at ±½ voxel of the level (design.md §3), in world units.
-    fn gradient(&mut self, l: usize, level: &LevelFrame, offset: Vec3) -> Vec3 {
-        let mut along = |axis: Vec3| {
-            self.value(l, level, offset + axis * 0.5) - self.value(l, level, offset - axis * 0.5)
-        };
-        let difference = Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z));
-        level.normal_from_gradient * difference
-    }
-
-    fn lit(&mut self, color: Vec3, l: usize, (ray, level, _): Span<'_>, offset: Vec3) -> Vec3 {
-        match self.settings.shading.model {
-            ShadingModel::None => color,
-            ShadingModel::Phong => {
-                let gradient = self.gradient(l, level, offset);
-                phong(color, gradient, ray.direction, &self.settings.shading)
-            }
-        }
-    }
-
-    fn dvr<'a>(&mut self, spans: impl Iterator<Item = Span<'a>>) -> Vec4 {
-        let mut sum = Vec4::ZERO;
-        for (l, span) in spans.enumerate() {
-            let (ray, level, lut) = span;
-            // The sample at a switch is the coarser level's.
-            for i in ray.first..=ray.last.min(level.end as i32 - 1) {
-                let offset = ray.offset(i as f32);
-                self.counts.samples += 1;
-                let value = self.value(l, level, offset);
-                let [r, g, b, a] = lut.sample(value);
-                if a > 0.0 {
-                    self.counts.contributing += 1;
-                    let color = self.lit(Vec3::new(r, g, b), l, span, offset);
-                    let weight = (1.0 - sum.w) * a;
-                    sum += color.extend(1.0) * weight;
-                    if sum.w >= self.settings.opacity_cutoff {
-                        return sum;
-                    }
-                }
-            }
-        }
-        sum
-    }
-
-    fn mip<'a>(&mut self, spans: impl Iterator<Item = Span<'a>>) -> Vec4 {
-        let mut greatest = None;
-        for (l, (ray, level, lut)) in spans.enumerate() {
-            for i in ray.first..=ray.last.min(level.end as i32 - 1) {
-                self.counts.samples += 1;
-                let value = self.value(l, level, ray.offset(i as f32));
-                if greatest.is_none_or(|(g, _): (f32, _)| value > g) {
-                    // The volume's minimum is where a maximum begins.
-                    self.counts.contributing += u64::from(value > self.value_floor);
-                    greatest = Some((value, lut));
-                }
-            }
-        }
-        let Some((greatest, lut)) = greatest else {
-            return Vec4::ZERO;
-        };
-        let [r, g, b, a] = lut.sample(greatest);
-        Vec4::new(r * a, g * a, b * a, a)
-    }
-
-    fn iso<'a>(&mut self, spans: impl Iterator<Item = Span<'a>>) -> Vec4 {
-        for (l, span) in spans.enumerate() {
-            let (ray, level, _) = span;
-            // A segment has the level of its first sample, and both ends are sampled there (design.md §3).
-            let mut previous = None;
-            for i in ray.first..=ray.last {
-                self.counts.samples += 1;
-                let above = self.value(l, level, ray.offset(i as f32)) >= self.iso;
-                if previous.is_some_and(|p: bool| p != above) {
-                    self.counts.contributing += 1;
-                    let offset = ray.offset(self.refine(l, &ray, level, i as f32, above));
-                    let surface = self.settings.classification.iso;
-                    let color = surface.map_or(Vec3::ONE, |s| s.color);
-                    return self.lit(color, l, span, offset).extend(1.0);
-                }
-                previous = Some(above);
-            }
-        }
-        Vec4::ZERO
-    }
-
-    /// Six bisection steps between sample `index`, on the new side, and the one before (techniques.md T1.3).
-    fn refine(&mut self, l: usize, ray: &Ray, level: &LevelFrame, index: f32, above: bool) -> f32 {
-        if !self.settings.refine {
-            return index;
-        }
-        let mut at = index - 0.5;
-        let mut half = 0.25;
-        for _ in 0..6 {
-            let beyond = (self.value(l, level, ray.offset(at)) >= self.iso) == above;
-            at += if beyond { -half } else { half };
-            half *= 0.5;
-        }
-        at
     }
 }

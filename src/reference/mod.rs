@@ -6,6 +6,7 @@
 
 mod caster;
 mod field;
+mod modes;
 mod shade;
 
 pub use caster::{ReferencePicture, render};

@@ -203,7 +203,8 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
     let [lut_lo, lut_scale] = table.index_lo_scale();
     let shading = &settings.shading;
     let light = shading.light.map(|d| (-d).normalize_or_zero().as_vec3());
-    let iso_color = settings.classification.iso.map_or(Vec3::ONE, |s| s.color);
+    let surface = classified.surfaces.first();
+    let iso_color = surface.map_or(Vec3::ONE, |s| s.color);
     let mesh_level = rays.coarsest_used();
     let mut levels = [LevelUniforms::default(); MAX_LEVELS as usize];
     for (level, uniforms) in rays.levels.iter().zip(&mut levels) {
@@ -228,13 +229,13 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
         depth_scale: depth.scale as f32,
         depth_bias: depth.bias as f32,
         slack_mm: block_diagonal_mm(mesh_level) as f32,
-        iso: classified.iso_stored,
+        iso: surface.map_or(0.0, |s| s.value),
         lut_lo,
         lut_scale,
         lut_last: (table.entries().len() - 1) as f32,
-        value_floor: classified.value_floor,
-        empty_below: classified.unseen[0],
-        empty_above: classified.unseen[1],
+        value_floor: classified.value_range[0],
+        empty_below: surface.map_or(classified.unseen, |_| f32::MIN),
+        empty_above: surface.map_or(classified.unseen, |_| f32::MAX),
         used_levels: rays.used_levels as u32,
         finest_lod: u32::from(rays.levels[0].lod.0),
         levels,
@@ -247,7 +248,7 @@ fn level_uniforms(level: &LevelFrame, mode: Mode) -> LevelUniforms {
     // A segment that ends at a switch is sampled at both ends by the finer level; only surfaces are found by segment.
     let last = match mode {
         Mode::Iso => level.end as i32,
-        Mode::Dvr | Mode::Mip => level.end as i32 - 1,
+        _ => level.end as i32 - 1,
     };
     LevelUniforms {
         level_dir: level.level_dir.map(padded),

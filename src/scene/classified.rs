@@ -1,11 +1,15 @@
 //! A classification made ready for one mode, one step and one volume: the look-up table that shaders and reference
 //! read, and the test "can a range of values be seen" on that very table (invariant 4 of design.md).
 
+use glam::Vec3;
 use thiserror::Error;
 
-use super::{Mode, PictureSettings, RayFrame};
+use super::{IsoSurface, Mode, PictureSettings, RayFrame};
 use crate::camera::CameraError;
-use crate::classify::{LUT_ENTRIES, Lut, OpacityCorrection, Visibility};
+use crate::classify::{
+    LUT_ENTRIES, Lut, OpacityCorrection, PreintegratedTable, TransferIntegrals, Visibility,
+    grey_ramp,
+};
 use crate::store::StoreMeta;
 
 /// Why a picture can't be made from these settings.
@@ -17,6 +21,13 @@ pub enum SceneError {
     /// Mode iso without a value.
     #[error("mode iso needs a value; give one with --iso VALUE (physical, such as 300 for HU)")]
     NoIsoValue,
+    /// More surfaces than there is room for.
+    #[error(
+        "{asked} iso-values, and at most {} fit one picture; give fewer --iso",
+        IsoSurface::MOST
+    )]
+    #[expect(missing_docs, reason = "the message names it")]
+    TooManyIsoValues { asked: usize },
     /// The step is too small for the distance.
     #[error("a step of {step_mm} mm gives {samples} samples per ray; give a larger --step")]
     #[expect(missing_docs, reason = "the message names both")]
@@ -27,93 +38,168 @@ pub enum SceneError {
     NoSuchLevel { asked: u8, last: usize },
 }
 
-/// What both renderers read of the classification.
+/// What the renderers read of the classification.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Classified {
     /// One per level that is sampled, finest first.
     pub levels: Vec<ClassifiedLevel>,
-    /// The iso-value in stored units; 0 in other modes.
-    pub iso_stored: f32,
-    /// The least stored value of the volume: what a maximum begins with.
-    pub value_floor: f32,
-    /// Stored values that can't be seen, below and above the iso-value (in other modes the same): what samples may read
-    /// in bricks in which nothing can be seen.
-    pub unseen: [f32; 2],
+    /// The surfaces of mode iso by rising value; empty in other modes.
+    pub surfaces: Vec<ClassifiedSurface>,
+    /// Least and greatest stored value of the volume: what a maximum, or a minimum, begins with.
+    pub value_range: [f32; 2],
+    /// A stored value that can't be seen: what samples may read in bricks in which nothing can be. Where every value can be
+    /// seen, no brick is empty, and nobody reads it. In mode iso it depends on the brick ([`Self::zone_value`]), and a
+    /// pre-integrated segment needs the value itself.
+    pub unseen: f32,
+    /// In mode gradient: optical depth is scaled by min(1, this · length of the gradient (stored units per mm)), so that
+    /// it is whole where the value crosses a quarter of the transfer function's range within the smallest spacing of level 0.
+    pub gradient_scale: f32,
 }
 
 /// The classification of one level's samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClassifiedLevel {
-    /// Colour and opacity by stored value; opacity corrected for the level's step in mode dvr only.
+    /// Colour by stored value, and opacity: corrected for the level's step in modes dvr and xray, as an optical depth in mode
+    /// gradient ([`OpacityCorrection::Depth`]), as it is in the others.
     pub lut: Lut,
+    /// Colour and opacity of the level's segments, where the picture is pre-integrated.
+    pub preintegrated: Option<PreintegratedTable>,
     /// Which ranges of stored values matter to the mode.
     pub visibility: Visibility,
+}
+
+/// A surface of mode iso.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClassifiedSurface {
+    /// Stored value, a hair below the one asked for.
+    pub value: f32,
+    /// Display colour.
+    pub color: Vec3,
+    /// In (0, 1].
+    pub opacity: f32,
 }
 
 impl Classified {
     /// Prepares `settings` for a volume and the levels that `frame` samples.
     ///
     /// # Errors
-    /// Mode iso without a value.
+    /// Mode iso without a value, or with too many.
     pub fn new(
         settings: &PictureSettings,
         meta: &StoreMeta,
         frame: &RayFrame,
     ) -> Result<Self, SceneError> {
         let classification = &settings.classification;
+        let mode = settings.mode;
         let unit_mm = classification
             .opacity_unit_mm
             .unwrap_or_else(|| meta.spacing().min_element());
         let rescale = meta.rescale;
-        let data = [meta.value_min as f32, meta.value_max as f32];
+        let value_range = [meta.value_min as f32, meta.value_max as f32];
         let line = (rescale.slope, rescale.intercept);
-        let domain = Lut::fitted_domain(&classification.transfer, line, data.map(f64::from));
-        let iso_stored = match settings.mode {
-            Mode::Dvr | Mode::Mip => 0.0,
-            Mode::Iso => {
-                let iso = classification.iso.ok_or(SceneError::NoIsoValue)?;
-                // A hair below the value, so that a flat region of exactly that value is inside whatever rounding does.
-                (rescale.stored(iso.value) - f64::from(data[1] - data[0]) * 1e-6) as f32
+        let transfer = &classification.transfer;
+        let window = transfer.extent();
+        // Mode xray knows but the place in the window, whatever the transfer function makes of it.
+        let grey = grey_ramp(window[0], window[1], 1.0).ok();
+        let transfer = grey
+            .as_ref()
+            .filter(|_| mode == Mode::Xray)
+            .unwrap_or(transfer);
+        let domain = Lut::fitted_domain(transfer, line, value_range.map(f64::from));
+        let surfaces = surfaces(settings, meta)?;
+        let values: Vec<f32> = surfaces.iter().map(|s| s.value).collect();
+        let integrals = settings.is_preintegrated().then(|| {
+            let side = TransferIntegrals::side(meta.stored_type);
+            TransferIntegrals::new(transfer, line, value_range.map(f64::from), side, unit_mm)
+        });
+        let level = |step_mm: f64| {
+            let correction = match mode {
+                Mode::Dvr | Mode::Xray => OpacityCorrection::Step { step_mm, unit_mm },
+                Mode::Gradient => OpacityCorrection::Depth { step_mm, unit_mm },
+                Mode::Iso | Mode::Mip | Mode::MinIp | Mode::Mean => OpacityCorrection::None,
+            };
+            let lut = Lut::bake(transfer, line, domain, correction);
+            let [floor, ceiling] = value_range;
+            ClassifiedLevel {
+                visibility: match (mode, &integrals) {
+                    (Mode::Dvr, Some(integrals)) => Visibility::preintegrated(integrals),
+                    (Mode::Dvr | Mode::Xray | Mode::Gradient, _) => Visibility::opacity(&lut),
+                    (Mode::Mip, _) => Visibility::AboveMinimum { floor },
+                    (Mode::MinIp, _) => Visibility::BelowMaximum { ceiling },
+                    (Mode::Mean, _) => Visibility::All,
+                    (Mode::Iso, _) => Visibility::iso(&values, value_range),
+                },
+                preintegrated: integrals.as_ref().map(|i| i.table(step_mm)),
+                lut,
             }
         };
-        let bake = |correction| Lut::bake(&classification.transfer, line, domain, correction);
-        let level = |lut: Lut| ClassifiedLevel {
-            visibility: match settings.mode {
-                Mode::Dvr => Visibility::opacity(&lut),
-                Mode::Mip => Visibility::AboveMinimum {
-                    floor: meta.value_min as f32,
-                },
-                Mode::Iso => Visibility::iso(&[iso_stored], data),
-            },
-            lut,
+        let levels: Vec<ClassifiedLevel> = if mode.composites() {
+            let used = frame.used().iter();
+            used.map(|l| level(l.step_mm_exact)).collect()
+        } else {
+            vec![level(frame.step_mm_exact); frame.used_levels]
         };
-        let levels: Vec<ClassifiedLevel> = match settings.mode {
-            Mode::Dvr => frame
-                .used()
-                .iter()
-                .map(|l| {
-                    let step_mm = l.step_mm_exact;
-                    level(bake(OpacityCorrection::Step { step_mm, unit_mm }))
-                })
-                .collect(),
-            Mode::Iso | Mode::Mip => vec![level(bake(OpacityCorrection::None)); frame.used_levels],
+        let unseen = match mode {
+            Mode::MinIp => value_range[1],
+            mode if mode.composites() => transparent_value(&levels).unwrap_or(value_range[0]),
+            _ => value_range[0],
         };
-        let unseen = match settings.mode {
-            // Where every value can be seen, no brick is empty, and nobody reads it.
-            Mode::Dvr => [transparent_value(&levels).unwrap_or(data[0]); 2],
-            Mode::Mip => [data[0]; 2],
-            Mode::Iso => [f32::MIN, f32::MAX],
-        };
+        let width = ((window[1] - window[0]) / rescale.slope).abs();
+        let gradient_scale = 4.0 * meta.spacing().min_element() / width;
         Ok(Self {
             levels,
-            iso_stored,
-            value_floor: data[0],
+            surfaces,
+            value_range,
             unseen,
+            // A window without width: every gradient counts in full.
+            gradient_scale: gradient_scale.min(f64::from(f32::MAX) * 0.5) as f32,
         })
+    }
+
+    /// On how many surfaces' upper sides `value` lies: the number of the zone between them.
+    pub fn zone(&self, value: f32) -> usize {
+        self.surfaces.iter().filter(|s| value >= s.value).count()
+    }
+
+    /// A value inside a zone, from 0 to the number of surfaces: what samples may read in a brick that lies in it as a whole.
+    pub fn zone_value(&self, zone: usize) -> f32 {
+        match zone.checked_sub(1) {
+            None => f32::MIN,
+            // A surface's own value lies above it.
+            Some(below) => self.surfaces[below].value,
+        }
     }
 }
 
-/// A stored value that is fully transparent in every table, rounding of its index included.
+/// The surfaces of mode iso, sorted, with stored values.
+fn surfaces(
+    settings: &PictureSettings,
+    meta: &StoreMeta,
+) -> Result<Vec<ClassifiedSurface>, SceneError> {
+    if settings.mode != Mode::Iso {
+        return Ok(Vec::new());
+    }
+    let asked = &settings.classification.iso;
+    match asked.len() {
+        0 => return Err(SceneError::NoIsoValue),
+        n if n > IsoSurface::MOST => return Err(SceneError::TooManyIsoValues { asked: n }),
+        _ => (),
+    }
+    // A hair below the value, so that a flat region of exactly that value is inside whatever rounding does.
+    let hair = f64::from(meta.value_max as f32 - meta.value_min as f32) * 1e-6;
+    let mut surfaces: Vec<ClassifiedSurface> = asked
+        .iter()
+        .map(|s| ClassifiedSurface {
+            value: (meta.rescale.stored(s.value) - hair) as f32,
+            color: s.color,
+            opacity: s.opacity,
+        })
+        .collect();
+    surfaces.sort_by(|a, b| a.value.total_cmp(&b.value));
+    Ok(surfaces)
+}
+
+/// A stored value that is fully transparent in every look-up table, rounding of its index included.
 fn transparent_value(levels: &[ClassifiedLevel]) -> Option<f32> {
     let is_clear = |i: usize| levels.iter().all(|l| l.lut.entries()[i][3] == 0.0);
     let last = LUT_ENTRIES - 1;

@@ -6,7 +6,7 @@
 
 use glam::{DAffine3, DMat3, DVec3, IVec3, Mat3, U64Vec3, Vec3};
 
-use super::SceneError;
+use super::{Jitter, SceneError};
 use crate::camera::{BoundingSphere, Camera, Projection};
 use crate::geom::{Aabb, Lod};
 
@@ -80,11 +80,16 @@ pub struct LevelFrame {
 }
 
 /// The sample grid of one frame. A pixel (px, py) has the image-plane coordinates
-/// `u = (px + ½)·2/width − 1` and `v = 1 − (py + ½)·2/height`; a quantity of its ray is `q + u·q_u + v·q_v`.
+/// `u = (px + ox)·2/width − 1` and `v = 1 − (py + oy)·2/height`, (ox, oy) being [`Self::place_in_pixel`]; a quantity of its
+/// ray is `q + u·q_u + v·q_v`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RayFrame {
     /// Width and height in pixels.
     pub size: [u32; 2],
+    /// Where in a pixel its ray passes, from its upper left corner, in pixels: (½, ½), but in super-sampled pictures.
+    pub place_in_pixel: [f32; 2],
+    /// Are the samples of a ray moved by [`interleaved_offset`] of its pixel?
+    pub jitter: Jitter,
     /// Unnormalised ray direction in world: centre, per u, per v.
     pub world_dir: [Vec3; 3],
     /// From the finest level in use to the coarsest of the volume. The first [`Self::used_levels`] are sampled; the others
@@ -104,10 +109,20 @@ pub struct RayFrame {
     pub half_extent: [f64; 2],
     /// Perspective or orthographic.
     pub projection: Projection,
-    /// Distance of base samples, mm, exact: ds.
+    /// Distance of base samples, mm: ds.
+    pub step_mm: f32,
+    /// The same, exact.
     pub step_mm_exact: f64,
     /// Distance of sample 0, mm, exact.
     pub first_mm_exact: f64,
+}
+
+/// By how much of a base step the samples of pixel (x, y) are moved away from the eye: 0 to 15 sixteenths, each once in a
+/// tile of 4×4 pixels, neighbours far apart (the ordered dither of Bayer, 1973).
+pub fn interleaved_offset(x: u32, y: u32) -> f32 {
+    let of_two = |x: u32, y: u32| 2 * ((x ^ y) & 1) + (y & 1);
+    let sixteenths = 4 * of_two(x, y) + of_two(x >> 1, y >> 1);
+    sixteenths as f32 / 16.0
 }
 
 /// What a frame's grid is made of.
@@ -123,6 +138,8 @@ pub struct GridParams {
     pub world_from_index: DAffine3,
     /// Distance of samples in units of the smallest spacing of level 0.
     pub step: f64,
+    /// Are samples moved pixel by pixel?
+    pub jitter: Jitter,
 }
 
 impl RayFrame {
@@ -204,9 +221,29 @@ impl RayFrame {
             ),
             half_extent,
             projection: camera.projection,
+            step_mm: step_mm as f32,
             step_mm_exact: step_mm,
             first_mm_exact: first_mm,
+            place_in_pixel: [0.5; 2],
+            jitter: params.jitter,
         })
+    }
+
+    /// Image-plane coordinates of the ray of pixel (x, y).
+    pub fn plane_of_pixel(&self, x: u32, y: u32) -> [f32; 2] {
+        let [ox, oy] = self.place_in_pixel;
+        [
+            (x as f32 + ox) * (2.0 / self.size[0] as f32) - 1.0,
+            1.0 - (y as f32 + oy) * (2.0 / self.size[1] as f32),
+        ]
+    }
+
+    /// Distance of sample 0 of the ray of pixel (x, y), mm.
+    pub fn first_mm_of_pixel(&self, x: u32, y: u32) -> f32 {
+        match self.jitter {
+            Jitter::None => self.first_mm,
+            Jitter::Interleaved => self.first_mm + interleaved_offset(x, y) * self.step_mm,
+        }
     }
 
     /// The levels that are sampled, finest first.
@@ -377,7 +414,22 @@ mod tests {
             lod,
             world_from_index: DAffine3::IDENTITY,
             step: 0.5,
+            jitter: Jitter::None,
         }
+    }
+
+    #[test]
+    fn offsets_of_a_tile_are_all_different() {
+        let mut met: Vec<u32> = (0..16)
+            .map(|i| (interleaved_offset(i % 4, i / 4) * 16.0) as u32)
+            .collect();
+        met.sort_unstable();
+        assert_eq!(met, (0..16).collect::<Vec<u32>>(), "each once");
+        assert_eq!(
+            interleaved_offset(5, 6),
+            interleaved_offset(1, 2),
+            "repeats after four pixels"
+        );
     }
 
     #[test]

@@ -11,11 +11,12 @@ mod image;
 mod settings;
 mod stats;
 
-pub use classified::{Classified, ClassifiedLevel, SceneError, default_window};
-pub use frame::{GridParams, LevelFrame, LodRule, RayFrame, volume_bounds};
+pub use classified::{Classified, ClassifiedLevel, ClassifiedSurface, SceneError, default_window};
+pub use frame::{GridParams, LevelFrame, LodRule, RayFrame, interleaved_offset, volume_bounds};
 pub use image::Image;
 pub use settings::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
-    Shading, ShadingModel, Technique,
+    AntiAliasing, Background, Classification, GradientFilter, Interpolation, IsoSurface, Jitter,
+    LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
+    TransferMode,
 };
 pub use stats::{PictureStats, RayCounts};

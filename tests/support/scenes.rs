@@ -8,10 +8,7 @@ use brickscope::classify::{
     ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction,
 };
 use brickscope::engine::{DeviceChoice, Engine, EngineOptions, Picture};
-use brickscope::scene::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
-    Shading, ShadingModel, Technique, volume_bounds,
-};
+use brickscope::scene::{IsoSurface, Mode, PictureSettings, volume_bounds};
 use brickscope::store::Store;
 use brickscope::volume::{VoxelSource, VoxelType};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -128,35 +125,15 @@ pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
         .rescale
         .physical(0.5 * (meta.value_min + meta.value_max));
     let bounds = volume_bounds(meta.dims, &meta.world_from_index);
-    PictureSettings {
-        size: [128, 128],
-        background: Background::Color(Vec3::ZERO),
-        mode,
-        classification: Classification {
-            transfer: transfer(store, 0.25),
-            opacity_unit_mm: None,
-            iso: Some(IsoSurface {
-                value: half,
-                color: Vec3::new(0.9, 0.8, 0.7),
-            }),
-        },
-        shading: Shading {
-            model: if mode == Mode::Iso {
-                ShadingModel::Phong
-            } else {
-                ShadingModel::None
-            },
-            ..Shading::default()
-        },
-        step: 0.5,
-        interpolation: Interpolation::Linear,
-        refine: true,
-        lod: LodChoice::Auto,
-        lod_error: PictureSettings::LOD_ERROR,
-        opacity_cutoff: 0.99,
-        technique: Technique::Default,
-        camera: Camera::orbit(&bounds, 35.0, 20.0, 1.0, 30.0).expect("a sound camera"),
-    }
+    let camera = Camera::orbit(&bounds, 35.0, 20.0, 1.0, 30.0).expect("a sound camera");
+    let mut settings = PictureSettings::new(mode, transfer(store, 0.25), camera);
+    settings.size = [128, 128];
+    settings.classification.iso = vec![IsoSurface {
+        value: half,
+        color: Vec3::new(0.9, 0.8, 0.7),
+        opacity: 1.0,
+    }];
+    settings
 }
 
 /// A camera in the middle of the volume, looking along `direction`.

@@ -7,7 +7,6 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::Context;
-use glam::Vec3;
 
 use super::render::write_picture;
 use crate::bricking::{self, BrickOptions, NoProgress};
@@ -20,8 +19,7 @@ use crate::engine::{Engine, EngineOptions};
 use crate::input;
 use crate::outfile::Existing;
 use crate::scene::{
-    Background, Classification, Interpolation, IsoSurface, LodChoice, Mode, PictureSettings,
-    Shading, ShadingModel, Technique, default_window, volume_bounds,
+    IsoSurface, Mode, PictureSettings, ShadingModel, default_window, volume_bounds,
 };
 use crate::store::StoreMeta;
 
@@ -81,35 +79,16 @@ fn pictures(meta: &StoreMeta) -> anyhow::Result<[(&'static str, PictureSettings)
                    iso,
                    model|
      -> anyhow::Result<PictureSettings> {
-        Ok(PictureSettings {
-            size: [512, 512],
-            background: Background::Color(Vec3::ZERO),
-            mode,
-            classification: Classification {
-                transfer,
-                opacity_unit_mm: None,
-                iso,
-            },
-            shading: Shading {
-                model,
-                ..Shading::default()
-            },
-            step: 0.5,
-            interpolation: Interpolation::Linear,
-            refine: true,
-            lod: LodChoice::Auto,
-            lod_error: PictureSettings::LOD_ERROR,
-            opacity_cutoff: 0.99,
-            technique: Technique::Default,
-            camera: Camera::orbit(&bounds, azimuth, elevation, 1.15, DEFAULT_FOV_Y_DEGREES)?,
-        })
+        let camera = Camera::orbit(&bounds, azimuth, elevation, 1.15, DEFAULT_FOV_Y_DEGREES)?;
+        let mut settings = PictureSettings::new(mode, transfer, camera);
+        settings.size = [512, 512];
+        settings.classification.iso.extend(iso);
+        settings.shading.model = model;
+        Ok(settings)
     };
     let [low, high] = default_window(meta);
     let grey = |top| grey_ramp(low, high, top);
-    let bone = IsoSurface {
-        value: 0.66 * full,
-        color: IsoSurface::DEFAULT_COLOR,
-    };
+    let bone = IsoSurface::opaque(0.66 * full);
     Ok([
         (
             "iso.png",

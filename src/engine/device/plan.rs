@@ -4,10 +4,10 @@
 use crate::classify::Visibility;
 use crate::proxy::Mesh;
 use crate::render::FrameInputs;
-use crate::scene::{Classified, Mode, PictureSettings, RayFrame, Technique};
+use crate::scene::{Classified, PictureSettings, RayFrame, Technique};
 use crate::store::Store;
 
-use super::super::{EngineError, prepare};
+use super::super::{EngineError, prepare, refuse_unbuilt};
 use super::bounds::{active_blocks, mesh};
 use super::classification::{ClassifiedBricks, KnownRanges, LevelVisibility, SeenLevels};
 
@@ -25,8 +25,9 @@ pub(super) struct PicturePlan {
 impl PicturePlan {
     pub(super) fn new(store: &Store, settings: &PictureSettings) -> Result<Self, EngineError> {
         let (rays, classified) = prepare(store, settings)?;
-        let skip = settings.technique == Technique::Default;
-        let iso = (settings.mode == Mode::Iso).then_some(classified.iso_stored);
+        refuse_unbuilt(settings)?;
+        let skip = settings.technique != Technique::Basic;
+        let iso = classified.surfaces.first().map(|s| s.value);
         let levels = rays
             .used()
             .iter()

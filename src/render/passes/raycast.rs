@@ -186,9 +186,9 @@ impl RaycastPass {
         };
         let module = source.compile(gpu)?;
         let entry_point = match variant.mode {
-            Mode::Dvr => "cast_dvr",
             Mode::Iso => "cast_iso",
             Mode::Mip => "cast_mip",
+            _ => "cast_dvr",
         };
         let pipeline = gpu.checked("building the raycaster", || {
             let layout = gpu

@@ -1,0 +1,270 @@
+//! What a sample does to its ray, mode by mode (cli.md, "Colour").
+
+use glam::{Vec3, Vec4};
+
+use super::caster::Ray;
+use super::field::FieldReader;
+use super::shade::phong;
+use crate::classify::PreintegratedTable;
+use crate::scene::{
+    Classified, ClassifiedLevel, ClassifiedSurface, GradientFilter, Interpolation, LevelFrame,
+    Mode, PictureSettings, RayCounts, ShadingModel,
+};
+
+/// One ray, and what its samples have come to.
+pub(super) struct Caster<'r, 'f, 'a> {
+    /// One per level.
+    readers: &'r mut [FieldReader<'f>],
+    settings: &'a PictureSettings,
+    classified: &'a Classified,
+    /// The level that is sampled.
+    place: Option<Place<'a>>,
+    /// Premultiplied colour and opacity.
+    sum: Vec4,
+    /// The sample before, at the same level.
+    before: Option<f32>,
+    /// Modes mip and minip: the extreme so far.
+    extreme: Option<f32>,
+    /// Mode mean: samples, each times the base steps that it stands for, and those steps.
+    mean: [f32; 2],
+    pub(super) counts: RayCounts,
+}
+
+/// Where a ray is.
+#[derive(Clone, Copy)]
+struct Place<'a> {
+    /// Number of the level in the frame.
+    number: usize,
+    level: &'a LevelFrame,
+    ray: Ray,
+    tables: &'a ClassifiedLevel,
+}
+
+impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
+    pub(super) fn new(
+        readers: &'r mut [FieldReader<'f>],
+        settings: &'a PictureSettings,
+        classified: &'a Classified,
+    ) -> Self {
+        Self {
+            readers,
+            settings,
+            classified,
+            place: None,
+            sum: Vec4::ZERO,
+            before: None,
+            extreme: None,
+            mean: [0.0; 2],
+            counts: RayCounts::default(),
+        }
+    }
+
+    /// The next samples are of this level.
+    pub(super) fn begin_level(&mut self, number: usize, level: &'a LevelFrame, ray: &Ray) {
+        self.place = Some(Place {
+            number,
+            level,
+            ray: *ray,
+            tables: &self.classified.levels[number],
+        });
+        self.before = None;
+    }
+
+    /// Takes sample `i` of the level. True when nothing more can change the ray.
+    pub(super) fn take(&mut self, i: i32) -> bool {
+        let Some(place) = self.place else {
+            unreachable!("invariant: a level was begun")
+        };
+        self.counts.samples += 1;
+        let offset = place.ray.offset(i as f32);
+        let value = self.value(&place, offset);
+        match (self.settings.mode, &place.tables.preintegrated) {
+            (Mode::Dvr, Some(table)) => self.take_segment(&place, table, offset, value),
+            (Mode::Dvr | Mode::Xray, _) => self.take_sample(&place, offset, value),
+            (Mode::Gradient, _) => self.take_gradient(&place, offset, value),
+            (Mode::Iso, _) => self.take_surfaces(&place, i, value),
+            (Mode::Mip, _) => self.take_extreme(value, |new, old| new > old),
+            (Mode::MinIp, _) => self.take_extreme(value, |new, old| new < old),
+            (Mode::Mean, _) => self.take_mean(&place, value),
+        }
+        self.before = Some(value);
+        self.sum.w >= self.settings.opacity_cutoff
+    }
+
+    /// Premultiplied colour and opacity of the ray.
+    pub(super) fn finish(&self) -> Vec4 {
+        let value = match self.settings.mode {
+            Mode::Mip | Mode::MinIp => self.extreme,
+            Mode::Mean => (self.mean[1] > 0.0).then(|| self.mean[0] / self.mean[1]),
+            _ => return self.sum,
+        };
+        // In these modes the tables of all levels are equal.
+        let Some(value) = value else {
+            return Vec4::ZERO;
+        };
+        let [r, g, b, a] = self.classified.levels[0].lut.sample(value);
+        Vec4::new(r * a, g * a, b * a, a)
+    }
+
+    /// Composites behind what is there.
+    fn add(&mut self, color: Vec3, opacity: f32) {
+        self.counts.contributing += 1;
+        self.sum += color.extend(1.0) * ((1.0 - self.sum.w) * opacity);
+    }
+
+    fn take_sample(&mut self, place: &Place<'_>, offset: Vec3, value: f32) {
+        let [r, g, b, a] = place.tables.lut.sample(value);
+        if a > 0.0 {
+            let color = self.lit(Vec3::new(r, g, b), place, offset);
+            self.add(color, a);
+        }
+    }
+
+    /// The segment from the sample before, lit by the gradient at its far end.
+    fn take_segment(
+        &mut self,
+        place: &Place<'_>,
+        table: &PreintegratedTable,
+        offset: Vec3,
+        value: f32,
+    ) {
+        let Some(before) = self.before else {
+            return;
+        };
+        let [r, g, b, a] = table.sample(before, value);
+        if a > 0.0 {
+            let color = self.lit(Vec3::new(r, g, b) / a, place, offset);
+            self.add(color, a);
+        }
+    }
+
+    fn take_gradient(&mut self, place: &Place<'_>, offset: Vec3, value: f32) {
+        let [r, g, b, depth] = place.tables.lut.sample(value);
+        if depth <= 0.0 {
+            return;
+        }
+        let gradient = self.gradient(place, offset);
+        let strength = (gradient.length() * self.classified.gradient_scale).min(1.0);
+        let opacity = 1.0 - (-(depth * strength)).exp();
+        if opacity > 0.0 {
+            let color = self.shaded(Vec3::new(r, g, b), gradient, place);
+            self.add(color, opacity);
+        }
+    }
+
+    fn take_extreme(&mut self, value: f32, is_better: fn(f32, f32) -> bool) {
+        if self.extreme.is_none_or(|extreme| is_better(value, extreme)) {
+            // The volume's own extreme is where a search begins.
+            let [floor, ceiling] = self.classified.value_range;
+            let begin = if self.settings.mode == Mode::Mip {
+                floor
+            } else {
+                ceiling
+            };
+            self.counts.contributing += u64::from(is_better(value, begin));
+            self.extreme = Some(value);
+        }
+    }
+
+    fn take_mean(&mut self, place: &Place<'_>, value: f32) {
+        // Levels of a frame follow each other.
+        let steps = (1_u32 << place.number) as f32;
+        self.counts.contributing += 1;
+        self.mean[0] += value * steps;
+        self.mean[1] += steps;
+    }
+
+    /// Every surface whose value lies between the sample before and this one, in the order in which the ray meets them.
+    fn take_surfaces(&mut self, place: &Place<'_>, i: i32, value: f32) {
+        let Some(before) = self.before else {
+            return;
+        };
+        let (from, to) = (self.classified.zone(before), self.classified.zone(value));
+        let crossed: Vec<usize> = if from < to {
+            (from..to).collect()
+        } else {
+            (to..from).rev().collect()
+        };
+        for k in crossed {
+            let surface = self.classified.surfaces[k];
+            let at = self.refine(place, &surface, i as f32, from < to);
+            let color = self.lit(surface.color, place, place.ray.offset(at));
+            self.add(color, surface.opacity);
+            if self.sum.w >= self.settings.opacity_cutoff {
+                return;
+            }
+        }
+    }
+
+    /// Six bisection steps between sample `index`, on the new side, and the one before (techniques.md T1.3).
+    fn refine(
+        &mut self,
+        place: &Place<'_>,
+        surface: &ClassifiedSurface,
+        index: f32,
+        above: bool,
+    ) -> f32 {
+        if !self.settings.refine {
+            return index;
+        }
+        let mut at = index - 0.5;
+        let mut half = 0.25;
+        for _ in 0..6 {
+            let value = self.value(place, place.ray.offset(at));
+            let beyond = (value >= surface.value) == above;
+            at += if beyond { -half } else { half };
+            half *= 0.5;
+        }
+        at
+    }
+
+    fn value(&mut self, place: &Place<'_>, offset: Vec3) -> f32 {
+        let reader = &mut self.readers[place.number];
+        match self.settings.interpolation {
+            Interpolation::Linear => reader.trilinear(place.level.anchor, offset),
+            Interpolation::Nearest => reader.nearest(place.level.anchor, offset),
+        }
+    }
+
+    /// Central differences at ±½ voxel of the level, or their mean over seven points (design.md §3), in world units.
+    fn gradient(&mut self, place: &Place<'_>, offset: Vec3) -> Vec3 {
+        let difference = match self.settings.shading.gradient {
+            GradientFilter::Central => self.central_difference(place, offset),
+            GradientFilter::Filtered => {
+                let mut sum = self.central_difference(place, offset);
+                for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
+                    sum += self.central_difference(place, offset + axis * 0.5);
+                    sum += self.central_difference(place, offset - axis * 0.5);
+                }
+                sum / 7.0
+            }
+        };
+        place.level.normal_from_gradient * difference
+    }
+
+    fn central_difference(&mut self, place: &Place<'_>, offset: Vec3) -> Vec3 {
+        let mut along = |axis: Vec3| {
+            self.value(place, offset + axis * 0.5) - self.value(place, offset - axis * 0.5)
+        };
+        Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z))
+    }
+
+    fn lit(&mut self, color: Vec3, place: &Place<'_>, offset: Vec3) -> Vec3 {
+        match self.settings.shading.model {
+            ShadingModel::None => color,
+            ShadingModel::Phong => {
+                let gradient = self.gradient(place, offset);
+                self.shaded(color, gradient, place)
+            }
+        }
+    }
+
+    fn shaded(&self, color: Vec3, gradient: Vec3, place: &Place<'_>) -> Vec3 {
+        match self.settings.shading.model {
+            ShadingModel::None => color,
+            ShadingModel::Phong => {
+                phong(color, gradient, place.ray.direction, &self.settings.shading)
+            }
+        }
+    }
+}
