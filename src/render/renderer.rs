@@ -16,7 +16,7 @@ use crate::gpu::layout::{
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
-use crate::scene::{Image, RayCounts};
+use crate::scene::{Classified, Image, RayCounts};
 
 /// Greatest width and height of a tile, pixels: 2²⁰ rays.
 pub const TILE_EDGE: u32 = 1024;
@@ -105,9 +105,15 @@ impl Renderer {
         FrameBindings::bytes_for(levels)
     }
 
+    /// Bytes of the tables of integrals of a pre-integrated picture.
+    pub fn integrals_bytes(classified: &Classified) -> u64 {
+        FrameBindings::integrals_bytes_for(classified)
+    }
+
     /// Bytes on the device: tables, tile, mesh.
     pub fn bytes(&self) -> u64 {
         Self::frame_bytes(self.levels)
+            + self.frame.integrals_bytes()
             + self
                 .targets
                 .as_ref()

@@ -11,10 +11,12 @@ use crate::gpu::GpuContext;
 use crate::gpu::layout::{RAY_LEVEL_MASK, RayState};
 use crate::pager::{FrameRequests, RequestClass};
 use crate::render::{Cast, Feedback, FrameInputs, Renderer, Tile};
-use crate::scene::{Image, LevelFrame, PictureStats, RayCounts, RayFrame};
+use crate::scene::{
+    GradientFilter, Image, Jitter, LevelFrame, PictureSettings, PictureStats, RayCounts, RayFrame,
+};
 
 use super::super::EngineError;
-use super::paged::{PagedVolume, SEGMENT_SLACK};
+use super::paged::PagedVolume;
 
 /// How long a dispatch should take at most: on real GPUs watchdogs end long ones. A renderer on the CPU has none, and loses
 /// by small pieces.
@@ -122,12 +124,16 @@ impl Work {
     }
 }
 
-/// Slots that one stopped ray may need at once: the bricks that a segment passes, at most.
-pub(super) fn segment_bricks(rays: &RayFrame, bricks_of: impl Fn(&LevelFrame) -> DVec3) -> usize {
+/// Slots that one stopped ray of a picture of `settings` may need at once: the bricks that a segment passes, at most.
+pub(super) fn segment_bricks(
+    rays: &RayFrame,
+    settings: &PictureSettings,
+    bricks_of: impl Fn(&LevelFrame) -> DVec3,
+) -> usize {
     rays.used()
         .iter()
         .map(|level| {
-            let reach = step_reach(level) + 2.0 * SEGMENT_SLACK;
+            let reach = step_reach(level) * segment_steps(rays) + 2.0 * segment_slack(settings);
             // A length of up to a brick lies in two, and so on; a level has no more than it has.
             let bricks = (reach / f64::from(BRICK_EDGE)).ceil() + 1.0;
             let bricks = bricks.min(bricks_of(level));
@@ -135,6 +141,24 @@ pub(super) fn segment_bricks(rays: &RayFrame, bricks_of: impl Fn(&LevelFrame) ->
         })
         .max()
         .unwrap_or(1)
+}
+
+/// Steps in which the segment of a stopped ray lies: samples that are moved lie in the next one.
+fn segment_steps(rays: &RayFrame) -> f64 {
+    match rays.jitter {
+        Jitter::None => 1.0,
+        Jitter::Interleaved => 2.0,
+    }
+}
+
+/// How far from the segment voxels are needed, level voxels: what a position may be off by rounding, and the points of
+/// filtered gradients.
+fn segment_slack(settings: &PictureSettings) -> f64 {
+    const ROUNDING: f64 = 0.01;
+    match settings.shading.gradient {
+        GradientFilter::Central => ROUNDING,
+        GradientFilter::Filtered => 0.5 + ROUNDING,
+    }
 }
 
 /// How many missing bricks all rays in turn may have at once. What lies behind them needs slots, too; where there are few,
@@ -284,7 +308,7 @@ impl ExactRun {
             Vec::new()
         } else {
             let state = renderer.ray_state(gpu, pixel)?;
-            segment(inputs.rays, tile, pixel, &state, volume)
+            segment(inputs, tile, pixel, &state, volume)
         };
         volume.begin_frame(&FrameRequests {
             requests: &requests,
@@ -312,26 +336,26 @@ impl ExactRun {
 
 /// The bricks that the next segment of a stopped ray may need.
 fn segment(
-    rays: &RayFrame,
+    inputs: &FrameInputs<'_>,
     tile: &Tile,
     pixel: u32,
     state: &RayState,
     volume: &PagedVolume,
 ) -> Vec<BrickId> {
+    let rays = inputs.rays;
     let level = &rays.levels[(state.flags & RAY_LEVEL_MASK) as usize];
     let x = tile.origin[0] + pixel % tile.size[0];
     let y = tile.origin[1] + pixel / tile.size[0];
-    let u = (f64::from(x) + 0.5) * 2.0 / f64::from(rays.size[0]) - 1.0;
-    let v = 1.0 - (f64::from(y) + 0.5) * 2.0 / f64::from(rays.size[1]);
+    let [u, v] = rays.plane_of_pixel(x, y).map(f64::from);
     let at = |q: &[glam::Vec3; 3]| q[0].as_dvec3() + q[1].as_dvec3() * u + q[2].as_dvec3() * v;
     let inverse = 1.0 / at(&rays.world_dir).length();
     let direction = at(&level.level_dir) * inverse;
     let origin = at(&level.level_origin) + level.anchor.as_dvec3();
-    let place = |index: i32| {
-        let mm = rays.first_mm_exact + f64::from(index) * level.step_mm_exact;
-        origin + direction * mm
-    };
-    volume.bricks_of_segment(level.lod, [place(state.next - 1), place(state.next)])
+    let place =
+        |index: f64| origin + direction * (rays.first_mm_exact + index * level.step_mm_exact);
+    let begin = f64::from(state.next - 1);
+    let ends = [place(begin), place(begin + segment_steps(rays))];
+    volume.bricks_of_segment(level.lod, ends, segment_slack(inputs.settings))
 }
 
 #[cfg(test)]

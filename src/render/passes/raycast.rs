@@ -7,11 +7,12 @@ use glam::UVec2;
 use super::BoundsTargets;
 use crate::camera::Projection;
 use crate::gpu::layout::{PixelCounts, RayState};
-use crate::gpu::{GpuContext, GpuError, shader};
+use crate::gpu::shader::{self, AtlasPart, ModePart};
+use crate::gpu::{GpuContext, GpuError};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, FrameInputs};
-use crate::render::residency::{AtlasKind, Residency};
-use crate::scene::{Interpolation, Mode, ShadingModel};
+use crate::render::residency::Residency;
+use crate::scene::{GradientFilter, Interpolation, Jitter, Mode, ShadingModel};
 
 /// Pixels of a work-group.
 const GROUP: [u32; 2] = [8, 8];
@@ -20,11 +21,17 @@ const GROUP: [u32; 2] = [8, 8];
 /// (design.md §2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Variant {
-    mode: Mode,
-    atlas: AtlasKind,
+    mode: ModePart,
+    atlas: AtlasPart,
     shaded: bool,
     refined: bool,
     nearest: bool,
+    jittered: bool,
+    filtered_gradients: bool,
+    minimum: bool,
+    /// Of mode iso.
+    surfaces: u32,
+    one_opaque: bool,
     orthographic: bool,
     many_levels: bool,
     many_atlases: bool,
@@ -34,17 +41,62 @@ struct Variant {
 impl Variant {
     fn new(inputs: &FrameInputs<'_>, volume: &Residency, draft: bool) -> Self {
         let settings = inputs.settings;
+        let surfaces = &inputs.classified.surfaces;
         Self {
             many_levels: inputs.rays.used_levels > 1,
             many_atlases: volume.has_many_atlases(),
             draft,
-            mode: settings.mode,
+            mode: match settings.mode {
+                Mode::Dvr if settings.is_preintegrated() => ModePart::Preintegrated,
+                Mode::Dvr | Mode::Xray => ModePart::Post,
+                Mode::Gradient => ModePart::Gradient,
+                Mode::Iso => ModePart::Surfaces,
+                Mode::Mip | Mode::MinIp => ModePart::Extreme,
+                Mode::Mean => ModePart::Mean,
+            },
             atlas: volume.kind(),
             shaded: settings.shading.model == ShadingModel::Phong,
             refined: settings.refine,
             nearest: settings.interpolation == Interpolation::Nearest,
+            jittered: settings.jitter == Jitter::Interleaved,
+            filtered_gradients: settings.shading.gradient == GradientFilter::Filtered,
+            minimum: settings.mode == Mode::MinIp,
+            surfaces: surfaces.len() as u32,
+            one_opaque: matches!(surfaces[..], [s] if s.opacity >= settings.opacity_cutoff),
             orthographic: settings.camera.projection == Projection::Orthographic,
         }
+    }
+
+    /// Values of the shader's `override`s; it has those of its mode only.
+    fn constants(&self) -> Vec<(&'static str, f64)> {
+        let flag = |name, is_set: bool| (name, f64::from(u8::from(is_set)));
+        let mut constants = vec![
+            ("GROUP_WIDTH", f64::from(GROUP[0])),
+            ("GROUP_HEIGHT", f64::from(GROUP[1])),
+            flag("SHADED", self.shaded),
+            flag("NEAREST", self.nearest),
+            flag("JITTERED", self.jittered),
+            flag("FILTERED_GRADIENTS", self.filtered_gradients),
+            flag("ORTHOGRAPHIC", self.orthographic),
+            flag("MANY_LEVELS", self.many_levels),
+            flag("MANY_ATLASES", self.many_atlases),
+            flag("DRAFT", self.draft),
+            flag("EXTREME", self.mode == ModePart::Extreme),
+            flag("MINIMUM", self.minimum),
+            flag(
+                "EXACT_ENDS",
+                self.mode == ModePart::Preintegrated || self.surfaces > 1,
+            ),
+        ];
+        if self.mode == ModePart::Surfaces {
+            constants.extend([
+                ("SURFACES", f64::from(self.surfaces)),
+                flag("ONE_OPAQUE", self.one_opaque),
+                flag("MANY_EVENTS", !self.one_opaque),
+                flag("REFINED", self.refined),
+            ]);
+        }
+        constants
     }
 }
 
@@ -179,17 +231,8 @@ impl RaycastPass {
         if self.pipelines.contains_key(&variant) {
             return Ok(());
         }
-        let source = match variant.atlas {
-            AtlasKind::Filtered => shader::RAYCAST_FILTERED,
-            AtlasKind::Float => shader::RAYCAST_FLOAT,
-            AtlasKind::Uint => shader::RAYCAST_UINT,
-        };
+        let source = shader::caster(shader::RAYCASTERS, variant.mode, variant.atlas);
         let module = source.compile(gpu)?;
-        let entry_point = match variant.mode {
-            Mode::Iso => "cast_iso",
-            Mode::Mip => "cast_mip",
-            _ => "cast_dvr",
-        };
         let pipeline = gpu.checked("building the raycaster", || {
             let layout = gpu
                 .device
@@ -208,20 +251,9 @@ impl RaycastPass {
                     label: Some("raycast.pipeline"),
                     layout: Some(&layout),
                     module: &module,
-                    entry_point: Some(entry_point),
+                    entry_point: Some("cast_rays"),
                     compilation_options: wgpu::PipelineCompilationOptions {
-                        constants: &[
-                            ("GROUP_WIDTH", f64::from(GROUP[0])),
-                            ("GROUP_HEIGHT", f64::from(GROUP[1])),
-                            ("SHADED", f64::from(u8::from(variant.shaded))),
-                            ("REFINED", f64::from(u8::from(variant.refined))),
-                            ("NEAREST", f64::from(u8::from(variant.nearest))),
-                            ("ORTHOGRAPHIC", f64::from(u8::from(variant.orthographic))),
-                            ("MANY_LEVELS", f64::from(u8::from(variant.many_levels))),
-                            ("MANY_ATLASES", f64::from(u8::from(variant.many_atlases))),
-                            ("MAXIMUM", f64::from(u8::from(variant.mode == Mode::Mip))),
-                            ("DRAFT", f64::from(u8::from(variant.draft))),
-                        ],
+                        constants: &variant.constants(),
                         ..Default::default()
                     },
                     cache: None,
