@@ -48,8 +48,8 @@ fn ray_axis(step: f32) -> f32 {
 
 // The part of the pixel's ray that is sampled at `level`.
 fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
-    let u = (f32(pixel.x) + 0.5) * (2.0 / f32(frame.picture_size.x)) - 1.0;
-    let v = 1.0 - (f32(pixel.y) + 0.5) * (2.0 / f32(frame.picture_size.y));
+    let u = (f32(pixel.x) + frame.place_in_pixel.x) * (2.0 / f32(frame.picture_size.x)) - 1.0;
+    let v = 1.0 - (f32(pixel.y) + frame.place_in_pixel.y) * (2.0 / f32(frame.picture_size.y));
     let world = frame.world_dir[0].xyz + frame.world_dir[1].xyz * u + frame.world_dir[2].xyz * v;
     let dir = frame.levels[level].level_dir[0].xyz + frame.levels[level].level_dir[1].xyz * u
         + frame.levels[level].level_dir[2].xyz * v;

@@ -45,6 +45,8 @@ struct FrameUniforms {
     tile_origin: vec2u,
     tile_size: vec2u,
     part_size: vec2u,
+    // Where in a pixel its ray passes, from its upper left corner, in pixels.
+    place_in_pixel: vec2f,
     // Last sample of any ray, in base steps, as samples of level 0.
     last_index: u32,
     first_mm: f32,
@@ -80,8 +82,6 @@ struct FrameUniforms {
     orders_at: u32,
     // Step from a code of `brick_maxima` to the next, in stored values.
     maximum_scale: f32,
-    pad2: u32,
-    pad3: u32,
     levels: array<LevelUniforms, MAX_LEVELS>,
 }
 

@@ -66,6 +66,7 @@ shared! {
         tile_origin: [u32; 2],
         tile_size: [u32; 2],
         part_size: [u32; 2],
+        place_in_pixel: [f32; 2],
         last_index: u32,
         first_mm: f32,
         near_mm: f32,
@@ -88,8 +89,6 @@ shared! {
         bits_at: u32,
         orders_at: u32,
         maximum_scale: f32,
-        pad2: u32,
-        pad3: u32,
         levels: [LevelUniforms; MAX_LEVELS as usize],
     }
 }
@@ -195,8 +194,10 @@ constants! {
     FEEDBACK_LEVELS = 1;
     /// Word of the host's orders: 1 for mesh interval, brick and block skipping, else 0.
     FEEDBACK_SKIP = 2;
+    /// Word of the host's orders: 1 where work-groups are parts of the list of pixels, 0 where they are of the tile.
+    FEEDBACK_PIXELS = 3;
     /// Words of the host's orders: the list of work-groups.
-    FEEDBACK_GROUPS = 3;
+    FEEDBACK_GROUPS = 4;
     /// Words of the feedback up to here are of one dispatch.
     FEEDBACK_HEAD = FEEDBACK_LIST + FEEDBACK_LIST_MAX;
     /// Most work-groups of a tile.

@@ -14,5 +14,5 @@ mod residency;
 pub use feedback::{Feedback, MissedBrick, PendingFeedback};
 pub use frame::{FrameInputs, Tile};
 pub use passes::{BareCaster, DenseLevel};
-pub use renderer::{Cast, Renderer, TILE_EDGE};
+pub use renderer::{Cast, PixelList, Renderer, TILE_EDGE};
 pub use residency::{Activity, AtlasPlan, MaximumCodes, Residency, SampleFilter};
