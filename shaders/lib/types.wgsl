@@ -43,12 +43,12 @@ struct FrameUniforms {
     texture_from_atlas: vec4f,
     // Picture size in pixels; the tile's origin; the row length of the tile's buffers and their rows; the part of the tile
     // inside the picture.
-    // Where in a pixel its ray passes, from its upper left corner, in pixels.
-    place_in_pixel: vec2f,
     picture_size: vec2u,
     tile_origin: vec2u,
     tile_size: vec2u,
     part_size: vec2u,
+    // Where in a pixel its ray passes, from its upper left corner, in pixels.
+    place_in_pixel: vec2f,
     // Last sample of any ray, in base steps, as samples of level 0.
     last_index: u32,
     first_mm: f32,

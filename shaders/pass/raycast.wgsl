@@ -15,6 +15,8 @@
 // Per pixel of the tile; zeros before the first dispatch.
 @group(2) @binding(5) var<storage, read_write> rays: array<RayState>;
 @group(2) @binding(7) var depth_sampler: sampler;
+// The pixels of a dispatch that casts listed ones, row << 16 | column within the tile; 0xffffffff after the last.
+@group(2) @binding(8) var pixel_list: texture_2d<u32>;
 // lib/feedback.wgsl.
 @group(2) @binding(6) var<storage, read_write> feedback: array<atomic<u32>>;
 
@@ -29,7 +31,7 @@ override DRAFT: bool = false;
 
 // The ray of one invocation, and what it has gathered.
 struct Cast {
-    // Number of the work-group in the tile, and of the pixel in the tile's buffers.
+    // Number of the work-group in the tile or in the list of pixels, and of the pixel in the tile's buffers.
     group: u32,
     at: u32,
     // Pixel of the tile, and of the picture.
@@ -76,6 +78,19 @@ fn cast_place(local: vec3u) -> vec2u {
     return vec2u((block % blocks_wide) * 4u + (index & 3u), (block / blocks_wide) * 2u + ((index >> 2u) & 1u));
 }
 
+// The pixel of the tile that an invocation casts: in its place in the picture, or the one that the host listed for it. In one
+// pipeline, so that a pixel is the same to the bit either way.
+fn cast_tile_pixel(group: u32, local: vec3u) -> vec2u {
+    if cast_order(FEEDBACK_PIXELS) != 0u {
+        let number = group * GROUP_WIDTH * GROUP_HEIGHT + local.y * GROUP_WIDTH + local.x;
+        let wide = textureDimensions(pixel_list).x;
+        let pixel = textureLoad(pixel_list, vec2u(number % wide, number / wide), 0).x;
+        return vec2u(pixel & 0xffffu, pixel >> 16u);
+    }
+    let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
+    return vec2u(group % groups_wide, group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + cast_place(local);
+}
+
 // The ray of an invocation, at its beginning or where it stopped. The host lists the work-groups that have something to do.
 fn cast_begin(
     group: vec3u,
@@ -85,8 +100,7 @@ fn cast_begin(
 ) -> Cast {
     var caster: Cast;
     caster.group = cast_order(FEEDBACK_GROUPS + group.x);
-    let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
-    caster.tile_pixel = vec2u(caster.group % groups_wide, caster.group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + cast_place(local);
+    caster.tile_pixel = cast_tile_pixel(caster.group, local);
     caster.pixel = frame.tile_origin + caster.tile_pixel;
     caster.limit = cast_order(FEEDBACK_LIMIT);
     caster.skips = cast_order(FEEDBACK_SKIP) != 0u;

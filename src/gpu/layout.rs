@@ -63,11 +63,11 @@ shared! {
         mesh_anchor: [i32; 4],
         atlas_slots: [u32; 4],
         texture_from_atlas: [f32; 4],
-        place_in_pixel: [f32; 2],
         picture_size: [u32; 2],
         tile_origin: [u32; 2],
         tile_size: [u32; 2],
         part_size: [u32; 2],
+        place_in_pixel: [f32; 2],
         last_index: u32,
         first_mm: f32,
         step_mm: f32,
@@ -209,8 +209,10 @@ constants! {
     FEEDBACK_LEVELS = 1;
     /// Word of the host's orders: 1 for mesh interval, brick and block skipping, else 0.
     FEEDBACK_SKIP = 2;
+    /// Word of the host's orders: 1 where work-groups are parts of the list of pixels, 0 where they are of the tile.
+    FEEDBACK_PIXELS = 3;
     /// Words of the host's orders: the list of work-groups.
-    FEEDBACK_GROUPS = 3;
+    FEEDBACK_GROUPS = 4;
     /// Words of the feedback up to here are of one dispatch.
     FEEDBACK_HEAD = FEEDBACK_LIST + FEEDBACK_LIST_MAX;
     /// Most work-groups of a tile.

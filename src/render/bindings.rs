@@ -130,6 +130,10 @@ pub const RAYCAST: Entries = &[
     compute(5, WRITE),
     compute(6, WRITE),
     compute(7, BindingType::Sampler(SamplerBindingType::NonFiltering)),
+    compute(
+        8,
+        texture(TextureSampleType::Uint, TextureViewDimension::D2),
+    ),
 ];
 
 /// Group 2 of the bare caster: `pass/bare.wgsl`.

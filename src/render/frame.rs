@@ -338,8 +338,8 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
         surface_colors,
         surface_values,
         mesh_anchor: mesh_level.anchor.extend(0).to_array(),
-        place_in_pixel: rays.place_in_pixel,
         picture_size: rays.size,
+        place_in_pixel: rays.place_in_pixel,
         last_index: rays.last_index,
         first_mm: rays.first_mm,
         step_mm: rays.step_mm,
@@ -429,7 +429,8 @@ impl DepthRange {
     }
 }
 
-/// Clip space (cropped to the tile and its margin) from an offset from the anchor in voxels of the mesh's level.
+/// Clip space (cropped to the tile and its margin) from an offset from the anchor in voxels of the mesh's level. Pixel centres
+/// of the raster are where rays pass through pixels: 3×3 of them bound a ray as well at any place in its pixel.
 fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
     let level = rays.coarsest_used();
     let anchor = level.anchor.as_dvec3();
@@ -453,7 +454,10 @@ fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
     };
     let [width, height] = rays.size.map(f64::from);
     let margin = f64::from(BOUNDS_MARGIN);
-    let [x0, y0] = tile.origin.map(|o| f64::from(o) - margin);
+    let [x0, y0] = [0, 1].map(|axis| {
+        let moved = f64::from(rays.place_in_pixel[axis]) - 0.5;
+        f64::from(tile.origin[axis]) - margin + moved
+    });
     let [w, h] = tile.size.map(|s| f64::from(s) + 2.0 * margin);
     let crop = DMat4::from_translation(DVec3::new(
         (width - 2.0 * x0) / w - 1.0,

@@ -18,5 +18,5 @@ pub use extremes::ExtremeCodes;
 pub use feedback::{Feedback, MissedBrick, PendingFeedback};
 pub use frame::{FrameInputs, Tile};
 pub use passes::{BareCaster, DenseLevel};
-pub use renderer::{Cast, Renderer, TILE_EDGE};
+pub use renderer::{Cast, PixelList, Renderer, TILE_EDGE};
 pub use residency::{AtlasPlan, Residency, SampleFilter};

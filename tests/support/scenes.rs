@@ -136,6 +136,21 @@ pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
         color: Vec3::new(0.9, 0.8, 0.7),
         opacity: 1.0,
     }];
+    match mode {
+        // What is low shows.
+        Mode::MinIp => {
+            let points = settings.classification.transfer.opacity.points();
+            let (first, last) = (points[0].x, points[points.len() - 1].x);
+            settings.classification.transfer.opacity = OpacityCurve::new(vec![
+                OpacityPoint::linear(first, 0.9),
+                OpacityPoint::linear(last, 0.2),
+            ])
+            .expect("rising points");
+        }
+        // What is behind shows, too.
+        Mode::Xray => settings.classification.opacity_unit_mm = Some(30.0),
+        _ => (),
+    }
     settings
 }
 

@@ -179,7 +179,7 @@ impl GpuDevice {
         volume.retry_failed();
         renderer.set_mesh(gpu, mesh)?;
         renderer.begin_picture(gpu, &inputs, &volume.residency, tile, false)?;
-        let mut run = ExactRun::new(gpu, plan.settings.size, tile, None);
+        let mut run = ExactRun::new(gpu, &inputs, tile, None);
         while run.advance(gpu, renderer, volume, &inputs, Wait::Block)? != Progress::Complete {}
         let mut stats = self.stats(before)?;
         run.report(&mut stats);

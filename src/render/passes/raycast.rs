@@ -17,6 +17,12 @@ use crate::scene::{GradientFilter, Interpolation, Jitter, Mode, ShadingModel};
 /// Pixels of a work-group.
 const GROUP: [u32; 2] = [8, 8];
 
+/// Pixels in a row of the texture that lists pixels: whole work-groups.
+const LIST_WIDTH: u32 = 1024;
+
+/// What stands in a list where a work-group has no pixel: one that is in no tile.
+const NO_PIXEL: u32 = u32::MAX;
+
 /// What a pipeline is built for. Skipping is not here: with and without it must be equal to the bit, so it is a uniform
 /// (design.md §2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -117,17 +123,40 @@ pub(in crate::render) struct RaycastTargets {
     pub(in crate::render) counts: wgpu::Buffer,
     /// Per pixel, where its ray stands.
     rays: wgpu::Buffer,
+    /// The pixels that are cast where not all are.
+    list: wgpu::Texture,
     group: wgpu::BindGroup,
 }
 
 impl RaycastTargets {
-    /// Bytes per pixel: picture and counts with their read-back copies, and the ray's state.
+    /// Bytes per pixel: picture and counts with their read-back copies, the ray's state, and a place in the list.
     pub(in crate::render) const BYTES_PER_PIXEL: u64 =
-        (16 + size_of::<PixelCounts>() as u64) * 2 + size_of::<RayState>() as u64;
+        (16 + size_of::<PixelCounts>() as u64) * 2 + size_of::<RayState>() as u64 + 4;
 
     /// Per pixel, where its ray stands.
     pub(in crate::render) fn rays(&self) -> &wgpu::Buffer {
         &self.rays
+    }
+
+    /// Sends the pixels that are cast, each row << 16 | column within the tile, and no more than it has.
+    pub(in crate::render) fn write_list(&self, gpu: &GpuContext, pixels: &[u32]) {
+        let count = pixels.len() as u32;
+        let mut rows = pixels.to_vec();
+        rows.resize(count.next_multiple_of(LIST_WIDTH) as usize, NO_PIXEL);
+        gpu.queue.write_texture(
+            self.list.as_image_copy(),
+            bytemuck::cast_slice(&rows),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(LIST_WIDTH * 4),
+                rows_per_image: None,
+            },
+            wgpu::Extent3d {
+                width: LIST_WIDTH,
+                height: count.div_ceil(LIST_WIDTH),
+                depth_or_array_layers: 1,
+            },
+        );
     }
 
     /// Every ray at its beginning.
@@ -177,6 +206,21 @@ impl RaycastPass {
         let picture = buffer("raycast.picture", pixels * 16);
         let counts = buffer("raycast.counts", pixels * size_of::<PixelCounts>() as u64);
         let rays = buffer("raycast.rays", pixels * size_of::<RayState>() as u64);
+        let list = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("raycast.pixel_list"),
+            size: wgpu::Extent3d {
+                width: LIST_WIDTH,
+                height: pixels.div_ceil(u64::from(LIST_WIDTH)) as u32,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let list_view = list.create_view(&wgpu::TextureViewDescriptor::default());
         let view = |i: usize| wgpu::BindGroupEntry {
             binding: i as u32,
             resource: wgpu::BindingResource::TextureView(&bounds.views[i]),
@@ -208,12 +252,17 @@ impl RaycastPass {
                     binding: 7,
                     resource: wgpu::BindingResource::Sampler(&self.depth_sampler),
                 },
+                wgpu::BindGroupEntry {
+                    binding: 8,
+                    resource: wgpu::BindingResource::TextureView(&list_view),
+                },
             ],
         });
         RaycastTargets {
             picture,
             counts,
             rays,
+            list,
             group,
         }
     }
@@ -266,6 +315,11 @@ impl RaycastPass {
     /// Work-groups along x and y that a tile of `size` pixels takes.
     pub(in crate::render) fn group_count(size: [u32; 2]) -> UVec2 {
         UVec2::new(size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]))
+    }
+
+    /// Work-groups of a list of `pixels` pixels.
+    pub(in crate::render) fn list_groups(pixels: u32) -> u32 {
+        pixels.div_ceil(GROUP[0] * GROUP[1])
     }
 
     /// Casts `groups` work-groups, which the feedback buffer lists. The pipeline must have been prepared.
