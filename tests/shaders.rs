@@ -12,10 +12,12 @@ use brickscope::render::bindings::{self, Entries};
 use wgpu::naga::front::wgsl;
 use wgpu::naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use wgpu::naga::{
-    AddressSpace, ImageClass, ImageDimension, Module, ScalarKind, StorageAccess, TypeInner,
+    AddressSpace, ImageClass, ImageDimension, Module, ScalarKind, StorageAccess, StorageFormat,
+    TypeInner,
 };
 use wgpu::{
-    BindGroupLayoutEntry, BindingType, BufferBindingType, TextureSampleType, TextureViewDimension,
+    BindGroupLayoutEntry, BindingType, BufferBindingType, StorageTextureAccess, TextureFormat,
+    TextureSampleType, TextureViewDimension,
 };
 
 /// What the features that `gpu::context` asks for give a shader: nothing beyond WGSL itself, since 16-bit normalised
@@ -206,9 +208,9 @@ fn a_moved_renamed_or_foreign_field_is_reported() {
     );
     let renamed = changed("    slack_mm: f32,", "    slackness: f32,");
     assert!(renamed.contains("\"slackness\""), "renamed: {renamed}");
-    let padded = changed("    pad: u32,", "    pad: u32,\n    pad3: vec4f,");
+    let padded = changed("    pad4: u32,", "    pad4: u32,\n    pad5: vec4f,");
     assert!(
-        padded.contains("bytes on the host") && padded.contains("\"pad3\""),
+        padded.contains("bytes on the host") && padded.contains("\"pad5\""),
         "longer: {padded}"
     );
     let foreign = layout_differences(
@@ -280,6 +282,18 @@ fn matches_variable(
                 };
                 kinds && dims == view_dimension && multi == multisampled
             }
+            (
+                TypeInner::Image {
+                    dim: ImageDimension::D2,
+                    arrayed: false,
+                    class: ImageClass::Storage { format, access },
+                },
+                BindingType::StorageTexture {
+                    access: StorageTextureAccess::WriteOnly,
+                    format: TextureFormat::R32Float,
+                    view_dimension: TextureViewDimension::D2,
+                },
+            ) => *format == StorageFormat::R32Float && *access == StorageAccess::STORE,
             _ => false,
         },
         _ => false,

@@ -62,10 +62,27 @@ fn ray_jitter(pixel: vec2u) -> f32 {
     return f32(sixteenths) / 16.0;
 }
 
-// The part of the pixel's ray that is sampled at `level`.
-fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
+// Where on the image plane a pixel's ray passes: u, v.
+fn ray_plane(pixel: vec2u) -> vec2f {
     let u = (f32(pixel.x) + frame.place_in_pixel.x) * (2.0 / f32(frame.picture_size.x)) - 1.0;
     let v = 1.0 - (f32(pixel.y) + frame.place_in_pixel.y) * (2.0 / f32(frame.picture_size.y));
+    return vec2f(u, v);
+}
+
+// Where a ray enters and leaves the rendered box, in samples; the first is the greater where it misses.
+fn ray_box(ray: Ray, level: u32) -> vec2f {
+    let to_min = (frame.levels[level].box_min.xyz - ray.base) / ray.step;
+    let to_max = (frame.levels[level].box_max.xyz - ray.base) / ray.step;
+    let near3 = min(to_min, to_max);
+    let far3 = max(to_min, to_max);
+    return vec2f(max(max(near3.x, near3.y), near3.z), min(min(far3.x, far3.y), far3.z));
+}
+
+// The part of the pixel's ray that is sampled at `level`.
+fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
+    let plane = ray_plane(pixel);
+    let u = plane.x;
+    let v = plane.y;
     let world = frame.world_dir[0].xyz + frame.world_dir[1].xyz * u + frame.world_dir[2].xyz * v;
     let dir = frame.levels[level].level_dir[0].xyz + frame.levels[level].level_dir[1].xyz * u
         + frame.levels[level].level_dir[2].xyz * v;
@@ -86,17 +103,12 @@ fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
     let step = dir * (inverse * step_mm);
     ray.step = vec3f(ray_axis(step.x), ray_axis(step.y), ray_axis(step.z));
     ray.inverse_step = 1.0 / ray.step;
-    let to_min = (frame.levels[level].box_min.xyz - ray.base) / ray.step;
-    let to_max = (frame.levels[level].box_max.xyz - ray.base) / ray.step;
-    let near3 = min(to_min, to_max);
-    let far3 = max(to_min, to_max);
-    let near = max(max(near3.x, near3.y), near3.z);
-    let far = min(min(far3.x, far3.y), far3.z);
+    let inside = ray_box(ray, level);
     let near_plane = (frame.near_mm * stretch - first_mm) / step_mm;
     let begin = f32(frame.levels[level].begin);
-    ray.first = i32(min(ceil(max(max(near, near_plane), begin)), 2e9));
+    ray.first = i32(min(ceil(max(max(inside.x, near_plane), begin)), 2e9));
     let end = min(f32(frame.last_index >> (frame.finest_lod + level)), f32(frame.levels[level].last));
-    ray.last = i32(clamp(floor(min(far, end)), -1.0, 2e9));
+    ray.last = i32(clamp(floor(min(inside.y, end)), -1.0, 2e9));
     return ray;
 }
 

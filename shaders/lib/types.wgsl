@@ -20,7 +20,8 @@ struct LevelUniforms {
     begin: i32,
     last: i32,
     step_mm: f32,
-    pad: u32,
+    // By how much a point where the level first shows something is moved back for the next frame, mm.
+    leap_back_mm: f32,
 }
 
 // One frame: the sample grid (scene::RayFrame), the classification's constants and the switches.
@@ -96,6 +97,23 @@ struct FrameUniforms {
     pad3: u32,
     pad4: u32,
     levels: array<LevelUniforms, MAX_LEVELS>,
+}
+
+// From a frame to the one before, for leaping. A quantity of a ray of this frame is q[0] + u·q[1] + v·q[2].
+struct LeapUniforms {
+    // The ray in the view of the frame before (x right, y up, z towards the viewer), mm; the direction not normalised.
+    origin: array<vec4f, 3>,
+    direction: array<vec4f, 3>,
+    // Of that frame: half the image plane, and its near plane.
+    half_extent: vec2f,
+    near_mm: f32,
+    // A line in the picture before is followed in at most so many pieces, a pixel long where they suffice.
+    most_pieces: f32,
+    // Added to all points: not 0 in tests only.
+    forward_mm: f32,
+    pad: u32,
+    pad3: u32,
+    pad4: u32,
 }
 
 // What the ray of a pixel did, as scene::RayCounts tells it.

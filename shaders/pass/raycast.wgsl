@@ -17,6 +17,10 @@
 @group(2) @binding(7) var depth_sampler: sampler;
 // The pixels of a dispatch that casts listed ones, row << 16 | column within the tile; 0xffffffff after the last.
 @group(2) @binding(8) var pixel_list: texture_2d<u32>;
+// With LEAP. Per pixel of the tile: where its ray may start, distance from the eye, mm (pass/leap.wgsl). Per pixel of the
+// picture: up to which distance its ray is empty, for the next frame.
+@group(2) @binding(9) var leap_starts: texture_2d<f32>;
+@group(2) @binding(10) var leap_points: texture_storage_2d<r32float, write>;
 // lib/feedback.wgsl.
 @group(2) @binding(6) var<storage, read_write> feedback: array<atomic<u32>>;
 
@@ -28,6 +32,11 @@ override SHADED: bool = false;
 override MANY_EVENTS: bool = false;
 // Coarser bricks stand in for missing ones; rays don't wait.
 override DRAFT: bool = false;
+// In a DRAFT: rays start where the frame before allows it, and tell the next one.
+override LEAP: bool = false;
+
+// The point of a ray that meets nothing: farther than anything, mm.
+const LEAP_NOTHING: f32 = 1e30;
 
 // The ray of one invocation, and what it has gathered.
 struct Cast {
@@ -48,6 +57,8 @@ struct Cast {
     skipped: u32,
     samples: u32,
     contributing: u32,
+    // With LEAP: up to which distance from the eye the ray is empty, mm.
+    empty_mm: f32,
     // After so many samples the ray goes on in the next dispatch.
     limit: u32,
     // A brick was missing; the ray waits for it; it has used up the dispatch's samples.
@@ -57,10 +68,22 @@ struct Cast {
 }
 
 fn cast_interval(caster: Cast) -> vec2f {
+    var interval = vec2f(-1e30, 1e30);
     if caster.skips {
-        return interval_of_pixel(caster.tile_pixel, caster.ray.stretch);
+        interval = interval_of_pixel(caster.tile_pixel, caster.ray.stretch);
     }
-    return vec2f(-1e30, 1e30);
+    if LEAP {
+        interval.x = max(interval.x, textureLoad(leap_starts, caster.tile_pixel, 0).x);
+    }
+    return interval;
+}
+
+// Notes where the ray first met something, if it was in the segment before sample `next`, read from `level`.
+fn cast_meet(caster: ptr<function, Cast>, next: i32, level: u32) {
+    if LEAP && (*caster).contributing > 0u && (*caster).empty_mm == LEAP_NOTHING {
+        let segment = f32(next - 2) * (*caster).ray.step_mm + (*caster).ray.first_mm;
+        (*caster).empty_mm = segment - frame.levels[level].leap_back_mm;
+    }
 }
 
 // What the host ordered for this dispatch. Not in the uniforms: where a condition depends on uniforms alone, lavapipe puts
@@ -105,6 +128,7 @@ fn cast_begin(
     caster.limit = cast_order(FEEDBACK_LIMIT);
     caster.skips = cast_order(FEEDBACK_SKIP) != 0u;
     caster.is_idle = any(caster.tile_pixel >= frame.part_size);
+    caster.empty_mm = LEAP_NOTHING;
     caster.at = min(caster.tile_pixel.y, frame.tile_size.y - 1u) * frame.tile_size.x + min(caster.tile_pixel.x, frame.tile_size.x - 1u);
     if !DRAFT {
         *state = rays[caster.at];
@@ -131,6 +155,14 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool
                 return true;
             }
         } else if (*walk).next <= (*caster).ray.last {
+            if LEAP {
+                let start = min(i32(floor((*walk).at)), (*caster).ray.last + 1);
+                (*walk).skipped += u32(max(start - (*walk).next, 0));
+                (*walk).next = max((*walk).next, start);
+                if start > (*caster).ray.last {
+                    continue;
+                }
+            }
             (*walk).first = (*walk).next;
             (*walk).last = (*caster).ray.last;
             (*walk).next = (*caster).ray.last + 1;
@@ -230,6 +262,9 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     counts[caster.at].samples += caster.samples;
     counts[caster.at].skipped += skipped;
     counts[caster.at].contributing += caster.contributing;
+    if LEAP {
+        textureStore(leap_points, caster.pixel, vec4f(caster.empty_mm));
+    }
     if DRAFT {
         if caster.missed {
             feedback_pending(caster.at, caster.group, true);
@@ -266,6 +301,8 @@ fn cast_rays(
     var mode = mode_begin(caster, state, color);
     walk.greatest = mode_bound(mode);
     var i = state.next;
+    // With LEAP: what the last sample was read from.
+    var level = 0u;
     // In the middle of a run, behind something translucent.
     var resumed = false;
     var more = cast_next_run(&caster, &walk);
@@ -278,6 +315,7 @@ fn cast_rays(
                 var offset = ray_offset(caster.ray, f32(i));
                 let brick = brick_at(caster.ray.grid, offset);
                 let source = cast_enter(&caster, brick, f32(i));
+                level = source.brick.level;
                 if caster.stopped {
                     break;
                 }
@@ -288,6 +326,7 @@ fn cast_rays(
                     }
                     caster.samples += 1u;
                     i += 1;
+                    cast_meet(&caster, i, source.brick.level);
                     offset = ray_offset(caster.ray, f32(i));
                     if mode.event || i > walk.last || !brick_contains(brick, offset) {
                         break;
@@ -302,6 +341,7 @@ fn cast_rays(
             more = !mode.event && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
         }
         i = mode_resolve(&mode, &caster, i);
+        cast_meet(&caster, i, level);
         if !MANY_EVENTS || !mode.event || mode.ended || caster.stopped {
             break;
         }

@@ -16,6 +16,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 pub use bare::{BareRate, BareRates};
+#[cfg(feature = "gpu")]
+pub use options::LeapFault;
 pub use options::{
     DeviceChoice, EngineError, EngineOptions, InstructionSet, ReadHook, ReadHookOption,
     SampleFilter,
@@ -157,6 +159,31 @@ impl Engine {
         stats.converged_ms = Some(wall_ms);
         stats.first_complete_ms = Some(wall_ms);
         Ok(picture)
+    }
+
+    /// Draws one frame of a moving picture at once, from what is resident: coarser bricks stand in for missing ones, one ray
+    /// per pixel, with the settings' own `step`. What is missing is asked for and shows in later frames. The first frame,
+    /// and the first after anything but the camera and `leap` changed, loads what it asks for, as much as fits.
+    ///
+    /// With [`PictureSettings::leap`] rays start where those of the frame before first met something, less a margin, if that
+    /// frame was drawn by this function or by [`Self::tick`] and differs by a small movement of the camera alone; in modes
+    /// that project, and where the textures for it would take too much of the memory, they don't. On the CPU this is
+    /// [`Self::render`].
+    ///
+    /// # Errors
+    /// As [`Self::render`]; but a brick that can't be read is no error on the GPU.
+    pub fn draw_moving(&mut self, settings: &PictureSettings) -> Result<Picture, EngineError> {
+        match &mut self.device {
+            Device::Cpu(_) => self.render(settings),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => {
+                let begin = Instant::now();
+                let mut picture = gpu.draw_moving(settings)?;
+                picture.stats.version = env!("CARGO_PKG_VERSION").into();
+                picture.stats.wall_ms = begin.elapsed().as_secs_f64() * 1e3;
+                Ok(picture)
+            }
+        }
     }
 }
 

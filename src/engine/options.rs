@@ -8,7 +8,7 @@ use crate::scene::SceneError;
 use crate::store::StoreError;
 
 #[cfg(feature = "gpu")]
-pub use crate::render::SampleFilter;
+pub use crate::render::{LeapFault, SampleFilter};
 
 /// How values between voxels are read on the GPU. (Without the GPU renderer: of no effect.)
 #[cfg(not(feature = "gpu"))]
@@ -72,6 +72,9 @@ pub struct EngineOptions {
     pub instructions: Option<InstructionSet>,
     /// Keep how long each brick waits for its slot, for measurements ([`super::Engine::take_waits_ms`])?
     pub keep_waits: bool,
+    /// What leaping does wrong, for tests.
+    #[cfg(feature = "gpu")]
+    pub leap_fault: Option<LeapFault>,
     /// Called before each brick is read, for tests: may wait, and may fail in the brick's place.
     pub read_hook: Option<ReadHookOption>,
 }
@@ -90,6 +93,8 @@ impl Default for EngineOptions {
             max_atlas_edge: u32::MAX,
             instructions: None,
             keep_waits: false,
+            #[cfg(feature = "gpu")]
+            leap_fault: None,
             read_hook: None,
         }
     }

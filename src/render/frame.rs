@@ -323,8 +323,9 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
     };
     let mesh_level = rays.coarsest_used();
     let mut levels = [LevelUniforms::default(); MAX_LEVELS as usize];
-    for (level, uniforms) in rays.levels.iter().zip(&mut levels) {
-        *uniforms = level_uniforms(level, settings.is_by_segment());
+    for (number, uniforms) in (0..rays.levels.len()).zip(&mut levels) {
+        *uniforms = level_uniforms(&rays.levels[number], settings.is_by_segment());
+        uniforms.leap_back_mm = leap_back_mm(rays, number) as f32;
     }
     FrameUniforms {
         world_dir: rays.world_dir.map(padded),
@@ -389,6 +390,16 @@ fn level_uniforms(level: &LevelFrame, is_by_segment: bool) -> LevelUniforms {
 
 pub(super) fn padded(v: Vec3) -> [f32; 4] {
     v.extend(0.0).to_array()
+}
+
+/// By how much the point where the level of that number first shows something is moved back for the next frame: the samples
+/// that a voxel's diagonal takes, between pixels and across levels surfaces are no farther apart (techniques.md T2.2). Where
+/// the next level is sampled, too, a point may be of that one in the next frame.
+pub(super) fn leap_back_mm(rays: &RayFrame, number: usize) -> f64 {
+    let coarser = number.max((number + 1).min(rays.used_levels - 1));
+    let diagonal_mm = block_diagonal_mm(&rays.levels[coarser]) / f64::from(BLOCK_EDGE);
+    let step_mm = rays.levels[number].step_mm_exact;
+    (diagonal_mm / step_mm).ceil() * step_mm
 }
 
 /// The longest diagonal of a 4³ block, mm.

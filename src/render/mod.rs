@@ -17,6 +17,6 @@ pub use activity::Activity;
 pub use extremes::ExtremeCodes;
 pub use feedback::{Feedback, MissedBrick, PendingFeedback};
 pub use frame::{FrameInputs, Tile};
-pub use passes::{BareCaster, DenseLevel};
+pub use passes::{BareCaster, DenseLevel, LeapFault};
 pub use renderer::{Cast, PixelList, Renderer, TILE_EDGE};
 pub use residency::{AtlasPlan, Residency, SampleFilter};

@@ -7,7 +7,10 @@ use glam::{UVec3, Vec4};
 
 use super::feedback::{Feedback, PendingFeedback};
 use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
-use super::passes::{BoundsPass, BoundsTargets, MeshBuffers, RaycastPass, RaycastTargets};
+use super::passes::{
+    BoundsPass, BoundsTargets, LeapFault, LeapPass, LeapTargets, MeshBuffers, RaycastPass,
+    RaycastTargets,
+};
 use super::residency::Residency;
 use crate::geom::morton;
 use crate::gpu::layout::{
@@ -50,6 +53,9 @@ pub struct Renderer {
     frame: FrameBindings,
     bounds: BoundsPass,
     raycast: RaycastPass,
+    /// Built when first wanted.
+    leap: Option<LeapPass>,
+    leap_fault: Option<LeapFault>,
     targets: Option<Targets>,
     mesh: Option<MeshBuffers>,
     levels: usize,
@@ -64,19 +70,28 @@ struct Targets {
     feedback: wgpu::Buffer,
     bounds: BoundsTargets,
     raycast: RaycastTargets,
+    /// Of drafts that leap.
+    leap: Option<LeapTargets>,
 }
 
 impl Renderer {
     /// The passes that every picture of a volume of `levels` levels needs; the caster's pipelines come with the modes.
+    /// `leap_fault`: for tests.
     ///
     /// # Errors
     /// The device refuses a shader or a pipeline.
-    pub fn new(gpu: &GpuContext, levels: usize) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &GpuContext,
+        levels: usize,
+        leap_fault: Option<LeapFault>,
+    ) -> Result<Self, GpuError> {
         let frame = FrameBindings::new(gpu, levels);
         let bounds = BoundsPass::new(gpu, &frame)?;
         Ok(Self {
             bounds,
             raycast: RaycastPass::new(gpu),
+            leap: None,
+            leap_fault,
             frame,
             targets: None,
             mesh: None,
@@ -116,14 +131,25 @@ impl Renderer {
         FrameBindings::integrals_bytes_for(classified)
     }
 
+    /// Bytes of what leaping needs for pictures of `size` pixels in tiles of `tile`.
+    pub fn leap_bytes(size: [u32; 2], tile: [u32; 2]) -> u64 {
+        LeapTargets::bytes(size, tile)
+    }
+
+    /// The size of the pictures for which there is what leaping needs.
+    pub fn leap_size(&self) -> Option<[u32; 2]> {
+        let leap = self.targets.as_ref()?.leap.as_ref()?;
+        Some(leap.size())
+    }
+
     /// Bytes on the device: tables, tile, mesh.
     pub fn bytes(&self) -> u64 {
         Self::frame_bytes(self.levels)
             + self.frame.integrals_bytes()
-            + self
-                .targets
-                .as_ref()
-                .map_or(0, |t| Self::tile_bytes(t.size))
+            + self.targets.as_ref().map_or(0, |t| {
+                let leap = t.leap.as_ref();
+                Self::tile_bytes(t.size) + leap.map_or(0, |l| LeapTargets::bytes(l.size(), t.size))
+            })
             + self.mesh.as_ref().map_or(0, MeshBuffers::bytes)
     }
 
@@ -194,11 +220,74 @@ impl Renderer {
                     feedback: volume.feedback.clone(),
                     bounds,
                     raycast,
+                    leap: None,
                 })
             })?);
         }
+        if draft && inputs.settings.leaps() {
+            self.prepare_leap(gpu, volume, inputs.rays.size)?;
+        }
         self.frame.write_tables(gpu, inputs.classified);
         Ok(())
+    }
+
+    /// What drafts of `size` that leap need: pass, points, starts.
+    fn prepare_leap(
+        &mut self,
+        gpu: &GpuContext,
+        volume: &Residency,
+        size: [u32; 2],
+    ) -> Result<(), GpuError> {
+        let targets = self
+            .targets
+            .as_mut()
+            .expect("invariant: called for a picture that is begun");
+        if targets.leap.as_ref().is_some_and(|l| l.size() == size) {
+            return Ok(());
+        }
+        let pass = match self.leap.take() {
+            Some(pass) => pass,
+            None => LeapPass::new(gpu, &self.frame)?,
+        };
+        let pass = self.leap.insert(pass);
+        targets.leap = None;
+        targets.leap = Some(gpu.checked("allocating points and starts", || {
+            let leap = pass.targets(gpu, size, targets.size);
+            let of = (&targets.bounds, volume);
+            self.raycast.add_leap(gpu, &mut targets.raycast, of, &leap);
+            Ok(leap)
+        })?);
+        Ok(())
+    }
+
+    /// Begins a draft that leaps: true where its rays start as the one before allows, false where they start at the volume.
+    /// `bricks`: those that came and those that went so far.
+    pub fn begin_leap(
+        &mut self,
+        gpu: &GpuContext,
+        inputs: &FrameInputs<'_>,
+        bricks: [u64; 2],
+    ) -> bool {
+        let leap = self.targets.as_mut().and_then(|t| t.leap.as_mut());
+        leap.is_some_and(|leap| leap.begin(gpu, inputs, bricks, self.leap_fault))
+    }
+
+    /// Finds where the rays of a tile that was begun start, in a draft for which [`Self::begin_leap`] said so.
+    pub fn find_starts(&mut self, gpu: &GpuContext, inputs: &FrameInputs<'_>, tile: &Tile) {
+        let leap = self.targets.as_ref().and_then(|t| t.leap.as_ref());
+        if let (Some(pass), Some(targets)) = (&self.leap, leap) {
+            let mut encoder = encoder(gpu, "renderer.leap");
+            let of = (inputs.rays.projection, tile);
+            pass.record(&mut encoder, &self.frame, targets, of, &mut self.timer);
+            gpu.queue.submit([encoder.finish()]);
+        }
+    }
+
+    /// The draft is drawn: the next one may start from its points.
+    pub fn end_leap(&mut self, inputs: &FrameInputs<'_>, bricks: [u64; 2]) {
+        if let Some(leap) = self.targets.as_mut().and_then(|t| t.leap.as_mut()) {
+            leap.end(inputs, bricks);
+        }
     }
 
     /// Sends the bounding mesh that the next tiles are bounded by.
@@ -224,7 +313,7 @@ impl Renderer {
         tile: &Tile,
         pixels: PixelList<'_>,
     ) -> Result<(), GpuError> {
-        self.read_times(gpu, 3)?;
+        self.read_times(gpu, 4)?;
         let targets = self
             .targets
             .as_ref()

@@ -416,6 +416,25 @@ impl PictureSettings {
         self.mode == Mode::Dvr && self.classification.transfer_mode == TransferMode::Preintegrated
     }
 
+    /// The same with the camera nowhere: what the frames of one movement have in common.
+    pub fn without_place(&self) -> Self {
+        Self {
+            camera: Camera {
+                eye: DVec3::ZERO,
+                target: DVec3::ZERO,
+                up: DVec3::ZERO,
+                ..self.camera
+            },
+            ..self.clone()
+        }
+    }
+
+    /// Do frames that are not final leap? Not in modes that project: what is less than the extreme contributes to their
+    /// pictures, too.
+    pub fn leaps(&self) -> bool {
+        self.leap && !self.mode.projects()
+    }
+
     /// Which levels are sampled.
     pub fn lod_rule(&self) -> LodRule {
         match self.lod {

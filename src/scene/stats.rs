@@ -59,4 +59,7 @@ pub struct PictureStats {
     /// [`RayCounts::contributing`]; `None` from a renderer that doesn't count them. Not a key of `--stats` either.
     #[serde(skip)]
     pub samples_contributing: Option<u64>,
+    /// Did rays start where those of the frame before allowed it (techniques.md T2.2)? Not a key of `--stats` either.
+    #[serde(skip)]
+    pub leapt: bool,
 }

@@ -10,34 +10,26 @@
 //! | Converged | – | something is changed |
 //! | Failed | – | something is changed: a brick can't be read, the draft shows a coarser one |
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
 use crate::geom::BrickId;
-use crate::pager::{FrameRequests, Request, RequestClass};
-use crate::render::{Cast, Feedback, PendingFeedback, Renderer};
+use crate::render::{Feedback, PendingFeedback};
 use crate::scene::{Image, PictureSettings, PictureStats, RayCounts};
 
 use super::super::{EngineError, TickBudget, TickEvent, TickReport};
 use super::exact::{ExactRun, Progress, Wait};
 use super::paged::Traffic;
 use super::plan::{PicturePlan, ReadyPictures};
-use super::{GpuDevice, mesh_bytes};
+use super::{GpuDevice, ROOM, mesh_bytes};
 
 /// How long a tick that can do nothing but wait for bricks waits for one.
 const SHORT_WAIT: Duration = Duration::from_millis(2);
 
 /// While bricks come, a draft is drawn again after so many times of what it took: loading gets the rest.
 const DRAFT_PAUSE: u32 = 4;
-
-/// Work-groups of a draft's dispatch: 2¹⁶ rays, on the CPU all of a tile.
-const DRAFT_GROUPS: [usize; 2] = [1 << 10, 1 << 14];
-
-/// An atlas is made for so many times what the first picture needs: the next ones need other bricks, and a larger atlas
-/// begins empty.
-const ROOM: u64 = 2;
 
 type Job = Receiver<Result<ReadyPictures, EngineError>>;
 
@@ -327,7 +319,7 @@ impl GpuDevice {
     fn begin_job(&self, settings: &PictureSettings) -> Job {
         let (sender, job) = channel();
         let store = Arc::clone(&self.store);
-        let settings = settings.clone();
+        let settings = self.leaping_if_allowed(settings.clone());
         let (known, seen) = match &self.volume {
             Some(volume) => {
                 let (known, seen) = volume.known();
@@ -361,7 +353,7 @@ impl GpuDevice {
             unreachable!("invariant: a picture begins when it is ready")
         };
         let (plan, mesh) = &ready.pictures[number];
-        let tile = self.tile(plan);
+        let tile = self.tile(plan.settings.size);
         let inputs = plan.inputs();
         self.renderer.set_mesh(&self.gpu, mesh)?;
         self.renderer
@@ -439,8 +431,14 @@ impl GpuDevice {
         draft.pending = waiting;
         if draft.drawn_at.is_some() && draft.pending.is_empty() && !draft.is_answered {
             draft.is_answered = true;
-            let fits = self.answer(live, &draft.reports);
-            if live.missing == 0 || !fits {
+            let Some(ready) = &live.ready else {
+                unreachable!("invariant: a draft was begun when it was ready")
+            };
+            let asked = self.ask(&ready.final_plan().rays, &draft.reports);
+            live.missing = asked.missing.len() as u64;
+            live.requested.extend(asked.missing);
+            live.touched.extend(asked.touched);
+            if live.missing == 0 || !asked.fits {
                 // Nothing is missing; or it can't all be there at once, and rays must take turns.
                 live.phase = self.begin_exact(live)?;
                 return Ok((None, false));
@@ -467,10 +465,13 @@ impl GpuDevice {
             let missing_before = draft.drawn_at.map(|_| live.missing);
             draft = Draft::default();
             let begun = Instant::now();
-            let image = self.draw_draft(live, &mut draft.pending)?;
+            let Some(ready) = &live.ready else {
+                unreachable!("invariant: as above")
+            };
+            let drawn = self.draw_draft(ready.final_plan(), &mut draft.pending)?;
             draft.drawn_at = Some((uploaded, begun, begun.elapsed()));
             draft.missing_before = missing_before;
-            live.image = Some(image);
+            live.image = Some(drawn.image);
             live.phase = Phase::Draft(draft);
             return Ok((Some(TickEvent::Refined), false));
         }
@@ -486,81 +487,5 @@ impl GpuDevice {
     fn begin_exact(&mut self, live: &Live) -> Result<Phase, EngineError> {
         let last = live.ready.as_ref().map_or(0, |r| r.pictures.len() - 1);
         Ok(Phase::Exact(self.begin_run(live, last)?))
-    }
-
-    /// Asks for what the rays of a draft missed; false when that and what they used doesn't fit the atlas together.
-    fn answer(&mut self, live: &mut Live, reports: &[Feedback]) -> bool {
-        let (Some(ready), Some(volume)) = (&live.ready, &mut self.volume) else {
-            unreachable!("invariant: a draft was begun on a volume")
-        };
-        let rays = &ready.final_plan().rays;
-        let mut rays_of: BTreeMap<u32, u32> = BTreeMap::new();
-        let mut touched: Vec<BrickId> = Vec::new();
-        for report in reports {
-            for missed in &report.missed {
-                *rays_of.entry(missed.number).or_insert(0) += missed.rays;
-            }
-            touched.extend(volume.bricks_in(&report.used_slots));
-        }
-        touched.sort_unstable();
-        touched.dedup();
-        let requests: Vec<Request> = rays_of
-            .into_iter()
-            .map(|(number, stopped)| {
-                let brick = volume.residency.brick(number);
-                volume.request(rays, RequestClass::Missing, brick, stopped)
-            })
-            .collect();
-        volume.begin_frame(&FrameRequests {
-            requests: &requests,
-            held: &[],
-            touched: &touched,
-            keep_touched: true,
-        });
-        let fits = requests.len() + touched.len() <= volume.capacity();
-        live.requested.extend(requests.iter().map(|r| r.brick));
-        live.touched.extend(touched);
-        live.missing = requests.len() as u64;
-        fits
-    }
-
-    /// Draws the whole picture with stand-ins.
-    fn draw_draft(
-        &mut self,
-        live: &Live,
-        pending: &mut Vec<PendingFeedback>,
-    ) -> Result<Image, EngineError> {
-        let (Some(ready), Some(volume)) = (&live.ready, &mut self.volume) else {
-            unreachable!("invariant: a draft was begun on a volume")
-        };
-        let plan = ready.final_plan();
-        let inputs = plan.inputs();
-        let size = plan.settings.size;
-        let tile = Renderer::tile_size(size, self.budget_bytes / 4);
-        let mut image = Image::clear(size);
-        for tile in Renderer::tiles(size, tile) {
-            self.renderer
-                .begin_tile(&self.gpu, &inputs, &volume.residency, &tile, None)?;
-            // Rays of a draft don't stop: fewer of them keep a dispatch short.
-            let at_once = DRAFT_GROUPS[usize::from(self.gpu.caps.is_software)];
-            for groups in Renderer::groups(&tile, None).chunks(at_once) {
-                let cast = Cast {
-                    groups,
-                    is_listed: false,
-                    draft: true,
-                    sample_limit: u32::MAX,
-                };
-                pending.push(self.renderer.cast(
-                    &self.gpu,
-                    &inputs,
-                    &mut volume.residency,
-                    &tile,
-                    &cast,
-                )?);
-            }
-            self.renderer
-                .collect(&self.gpu, &tile, None, [0, 1], &mut image)?;
-        }
-        Ok(image)
     }
 }

@@ -3,6 +3,7 @@
 mod bare;
 mod bounds;
 mod classification;
+mod draft;
 mod exact;
 mod live;
 mod paged;
@@ -33,6 +34,9 @@ const BURST_BYTES: u64 = 16 << 20;
 const DEFAULT_BYTES: [u64; 2] = [4 << 30, 2 << 30];
 /// Below this, a device without memory is not asked again.
 const LEAST_BYTES: u64 = 16 << 20;
+/// An atlas is made for so many times what the first of several pictures needs: the next ones need other bricks, and a
+/// larger atlas begins empty.
+const ROOM: u64 = 2;
 /// Bytes of tables per slot: occupancy, stamp and its read-back.
 const SLOT_BYTES: u64 = 72;
 
@@ -48,6 +52,8 @@ pub(super) struct GpuDevice {
     /// What loading has cost volumes that are no more.
     past_traffic: Traffic,
     live: Option<Live>,
+    /// For what movement bricks were loaded: its settings, with the camera nowhere and without leaping.
+    moving: Option<PictureSettings>,
     /// Bound of all bytes on the device: what was asked for, or less once the device refused.
     budget_bytes: u64,
     /// What the last picture asked of the device.
@@ -68,7 +74,7 @@ impl GpuDevice {
             });
         }
         let gpu = GpuContext::open(choice, options.use_optional_features)?;
-        let renderer = Renderer::new(&gpu, levels)?;
+        let renderer = Renderer::new(&gpu, levels, options.leap_fault)?;
         let grids = (0..levels)
             .map(|l| store.level(Lod(l as u8)).grid)
             .collect();
@@ -82,6 +88,7 @@ impl GpuDevice {
             volume: None,
             past_traffic: Traffic::default(),
             live: None,
+            moving: None,
             budget_bytes,
             attempted_bytes: 0,
         })
@@ -125,14 +132,26 @@ impl GpuDevice {
 
     /// Draws a picture, with less memory than allowed if the device has not so much.
     pub(super) fn render(&mut self, settings: &PictureSettings) -> Result<Picture, EngineError> {
+        let settings = PictureSettings {
+            leap: false,
+            ..settings.clone()
+        };
+        let plan = PicturePlan::new(&self.store, &settings)?;
+        self.with_what_memory_there_is(|device| device.render_within(&plan))
+    }
+
+    /// Draws, again with less memory where the device has not what is allowed; says so in the picture's notes.
+    fn with_what_memory_there_is(
+        &mut self,
+        mut draw: impl FnMut(&mut Self) -> Result<Picture, EngineError>,
+    ) -> Result<Picture, EngineError> {
         if let Some(live) = &mut self.live {
             // Tables and atlas are about to change under it.
             live.restart();
         }
-        let plan = PicturePlan::new(&self.store, settings)?;
         let mut notes = Vec::new();
         loop {
-            match self.render_within(&plan) {
+            match draw(self) {
                 Err(error) => notes.push(self.with_less(error)?),
                 Ok(mut picture) => {
                     notes.append(&mut picture.notes);
@@ -163,7 +182,7 @@ impl GpuDevice {
     fn render_within(&mut self, plan: &PicturePlan) -> Result<Picture, EngineError> {
         let before = self.traffic();
         let ready = self.work_out(vec![plan.clone()])?;
-        let tile = self.tile(plan);
+        let tile = self.tile(plan.settings.size);
         let ready = self.make_ready(ready, 1)?;
         let (plan, mesh) = &ready.pictures[0];
         let inputs = plan.inputs();
@@ -194,9 +213,9 @@ impl GpuDevice {
         })
     }
 
-    /// The tiles of a picture.
-    fn tile(&self, plan: &PicturePlan) -> [u32; 2] {
-        Renderer::tile_size(plan.settings.size, self.budget_bytes / 4)
+    /// The tiles of a picture of `size`.
+    fn tile(&self, size: [u32; 2]) -> [u32; 2] {
+        Renderer::tile_size(size, self.budget_bytes / 4)
     }
 
     /// What the pictures need, worked out here and now.
@@ -218,7 +237,11 @@ impl GpuDevice {
     ) -> Result<ReadyPictures, EngineError> {
         let voxel_bytes = self.store.meta().stored_type.size() as u64;
         let plan = ready.final_plan();
-        let tile = self.tile(plan);
+        let tile = self.tile(plan.settings.size);
+        let leaping = plan.settings.leaps().then_some(plan.settings.size);
+        // What earlier pictures leapt with stays.
+        let leaping = leaping.or(self.renderer.leap_size());
+        let leap_bytes = leaping.map_or(0, |size| Renderer::leap_bytes(size, tile));
         let coarsest = self.grids.last().map_or(0, BrickGrid::len);
         let least = ready
             .pictures
@@ -234,7 +257,7 @@ impl GpuDevice {
         let wanted = (ready.bricks.visible_with_voxels + coarsest).max(least as u64 + coarsest);
         let pictures = ready.pictures.iter();
         let integrals = pictures.map(|(plan, _)| Renderer::integrals_bytes(&plan.classified));
-        let others = self.other_bytes(tile) + integrals.max().unwrap_or(0);
+        let others = self.other_bytes(tile) + integrals.max().unwrap_or(0) + leap_bytes;
         let mut plan = self.atlas_plan(wanted, others, voxel_bytes)?;
         let keeps = self.volume.as_ref().is_some_and(|v| {
             let there = v.residency.plan();
@@ -314,6 +337,7 @@ impl GpuDevice {
     fn drop_volume(&mut self) {
         self.past_traffic = self.traffic();
         self.volume = None;
+        self.moving = None;
     }
 
     /// What loading has cost so far.

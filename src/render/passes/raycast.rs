@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::UVec2;
 
-use super::BoundsTargets;
+use super::{BoundsTargets, LeapTargets};
 use crate::camera::Projection;
 use crate::gpu::layout::{PixelCounts, RayState};
 use crate::gpu::shader::{self, AtlasPart, ModePart};
@@ -42,6 +42,7 @@ struct Variant {
     many_levels: bool,
     many_atlases: bool,
     draft: bool,
+    leap: bool,
 }
 
 impl Variant {
@@ -52,6 +53,7 @@ impl Variant {
             many_levels: inputs.rays.used_levels > 1,
             many_atlases: volume.has_many_atlases(),
             draft,
+            leap: draft && settings.leaps(),
             mode: match settings.mode {
                 Mode::Dvr if settings.is_preintegrated() => ModePart::Preintegrated,
                 Mode::Dvr | Mode::Xray => ModePart::Post,
@@ -87,6 +89,7 @@ impl Variant {
             flag("MANY_LEVELS", self.many_levels),
             flag("MANY_ATLASES", self.many_atlases),
             flag("DRAFT", self.draft),
+            flag("LEAP", self.leap),
             flag("EXTREME", self.mode == ModePart::Extreme),
             flag("MINIMUM", self.minimum),
             flag(
@@ -126,6 +129,8 @@ pub(in crate::render) struct RaycastTargets {
     /// The pixels that are cast where not all are.
     list: wgpu::Texture,
     group: wgpu::BindGroup,
+    /// With starts and points.
+    leaping_group: Option<wgpu::BindGroup>,
 }
 
 impl RaycastTargets {
@@ -220,12 +225,65 @@ impl RaycastPass {
             usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         });
+        let [starts, points] = ["raycast.no_starts", "raycast.no_points"].map(|label| {
+            let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d::default(),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: wgpu::TextureFormat::R32Float,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+                view_formats: &[],
+            });
+            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        });
+        let buffers = [&picture, &counts, &rays, &volume.feedback];
+        let group = self.group(gpu, bounds, buffers, &list, [&starts, &points]);
+        RaycastTargets {
+            picture,
+            counts,
+            rays,
+            list,
+            group,
+            leaping_group: None,
+        }
+    }
+
+    /// Lets rays start where `leap` says, and leave points there.
+    pub(in crate::render) fn add_leap(
+        &self,
+        gpu: &GpuContext,
+        targets: &mut RaycastTargets,
+        (bounds, volume): (&BoundsTargets, &Residency),
+        leap: &LeapTargets,
+    ) {
+        let RaycastTargets {
+            picture,
+            counts,
+            rays,
+            list,
+            ..
+        } = targets;
+        let buffers = [&*picture, counts, rays, &volume.feedback];
+        let views = [&leap.starts, &leap.points()];
+        targets.leaping_group = Some(self.group(gpu, bounds, buffers, list, views));
+    }
+
+    fn group(
+        &self,
+        gpu: &GpuContext,
+        bounds: &BoundsTargets,
+        [picture, counts, rays, feedback]: [&wgpu::Buffer; 4],
+        list: &wgpu::Texture,
+        [starts, points]: [&wgpu::TextureView; 2],
+    ) -> wgpu::BindGroup {
         let list_view = list.create_view(&wgpu::TextureViewDescriptor::default());
         let view = |i: usize| wgpu::BindGroupEntry {
             binding: i as u32,
             resource: wgpu::BindingResource::TextureView(&bounds.views[i]),
         };
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("raycast.group"),
             layout: &self.layout,
             entries: &[
@@ -246,7 +304,7 @@ impl RaycastPass {
                 },
                 wgpu::BindGroupEntry {
                     binding: 6,
-                    resource: volume.feedback.as_entire_binding(),
+                    resource: feedback.as_entire_binding(),
                 },
                 wgpu::BindGroupEntry {
                     binding: 7,
@@ -256,15 +314,16 @@ impl RaycastPass {
                     binding: 8,
                     resource: wgpu::BindingResource::TextureView(&list_view),
                 },
+                wgpu::BindGroupEntry {
+                    binding: 9,
+                    resource: wgpu::BindingResource::TextureView(starts),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 10,
+                    resource: wgpu::BindingResource::TextureView(points),
+                },
             ],
-        });
-        RaycastTargets {
-            picture,
-            counts,
-            rays,
-            list,
-            group,
-        }
+        })
     }
 
     /// Builds the pipeline for these settings, if it isn't there yet.
@@ -332,14 +391,19 @@ impl RaycastPass {
         targets: &RaycastTargets,
         (groups, draft): (u32, bool),
     ) {
+        let variant = Variant::new(inputs, volume, draft);
         let pipeline = self
             .pipelines
-            .get(&Variant::new(inputs, volume, draft))
+            .get(&variant)
             .expect("invariant: prepared before recorded");
+        let group = match &targets.leaping_group {
+            Some(group) if variant.leap => group,
+            _ => &targets.group,
+        };
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &frame.group, &[]);
         pass.set_bind_group(1, &volume.group, &[]);
-        pass.set_bind_group(2, &targets.group, &[]);
+        pass.set_bind_group(2, group, &[]);
         pass.dispatch_workgroups(groups, 1, 1);
     }
 }
