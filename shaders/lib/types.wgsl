@@ -111,7 +111,8 @@ struct LeapUniforms {
     most_pieces: f32,
     // Added to all points: not 0 in tests only.
     forward_mm: f32,
-    pad: u32,
+    // Up to this distance from the eye, both frames are of one level.
+    one_level_mm: f32,
     pad3: u32,
     pad4: u32,
 }

@@ -13,6 +13,8 @@ struct Mode {
     // The sample before the next one, −2 for none, and its zone: on the upper sides of how many surfaces it lies.
     before: i32,
     zone: u32,
+    // With LEAP: its value.
+    value: f32,
     // The zone from which the ray has come, where `event`: the last two samples lie in different ones.
     zone_from: u32,
     // Levels don't continue each other: a segment has one level (design.md §3).
@@ -36,7 +38,7 @@ fn surface_zone(value: f32) -> u32 {
 fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
     let before = select(-2, state.next - 1, (state.flags & RAY_HAS_BEFORE) != 0u);
     let zone = (state.flags >> RAY_ZONE_SHIFT) & RAY_ZONE_MASK;
-    return Mode(color, before, zone, zone, caster.ray.grid.level, false, false);
+    return Mode(color, before, zone, 0.0, zone, caster.ray.grid.level, false, false);
 }
 
 // A run that doesn't continue the last one starts afresh: its first sample doesn't follow `before`.
@@ -46,7 +48,17 @@ fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {
 }
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let zone = surface_zone(sample_value(source.brick, source_offset(source, f32(i))));
+    let value = sample_value(source.brick, source_offset(source, f32(i)));
+    let zone = surface_zone(value);
+    if LEAP {
+        // A wall that is thinner than a step is met by some rays only, in each frame by others: where a step as steep as the
+        // last one would reach a surface, the next frame looks again.
+        let reach = select(0.0, abs(value - (*mode).value), (*mode).before == i - 1);
+        for (var k = 0u; k < SURFACES; k++) {
+            (*caster).is_near |= abs(value - surface_value(k)) <= reach;
+        }
+        (*mode).value = value;
+    }
     (*mode).event = (*mode).before == i - 1 && zone != (*mode).zone;
     (*mode).zone_from = (*mode).zone;
     (*mode).zone = zone;

@@ -30,6 +30,19 @@ fn leap_place(point: vec3f) -> vec2f {
     return vec2f(on_plane.x + 1.0, 1.0 - on_plane.y) * 0.5 * vec2f(frame.picture_size);
 }
 
+// Up to where the rays around a place in the old picture are empty: the nearest of 4×4, so that a surface that they meet is
+// not passed over between them, and what is thinner than a pixel hides from one of them but not from all.
+fn leap_known(place: vec2f) -> f32 {
+    let texel = 1.0 / vec2f(frame.picture_size);
+    var known = 1e30;
+    for (var k = 0u; k < 4u; k++) {
+        let corner = vec2f(f32(k & 1u), f32(k >> 1u)) * 2.0 - 1.0;
+        let points = textureGather(0, old_points, point_sampler, place + corner * texel);
+        known = min(known, min(min(points.x, points.y), min(points.z, points.w)));
+    }
+    return known;
+}
+
 fn leap_start(pixel: vec2u) -> f32 {
     let ray = ray_for_pixel(pixel, 0u);
     let inside = ray_box(ray, 0u);
@@ -67,9 +80,7 @@ fn leap_start(pixel: vec2u) -> f32 {
         if any(place < vec2f(0.0)) || any(place > size) {
             break;
         }
-        // The four pixels around.
-        let points = textureGather(0, old_points, point_sampler, place / size);
-        let known = min(min(points.x, points.y), min(points.z, points.w)) + leap.forward_mm;
+        let known = min(leap_known(place / size) + leap.forward_mm, leap.one_level_mm);
         let share = (piece + 1.0) / pieces;
         let end = mix(near * weights.x, far * weights.y, share) / mix(weights.x, weights.y, share);
         let end_depth = leap_distance(origin + direction * end);
@@ -82,7 +93,7 @@ fn leap_start(pixel: vec2u) -> f32 {
         piece += 1.0;
     }
     // A ray that is empty to its end takes no sample.
-    return select(start, far + 2.0 * frame.step_mm, piece >= pieces);
+    return min(select(start, far + 2.0 * frame.step_mm, piece >= pieces), leap.one_level_mm);
 }
 
 @compute @workgroup_size(8, 8)

@@ -59,6 +59,8 @@ struct Cast {
     contributing: u32,
     // With LEAP: up to which distance from the eye the ray is empty, mm.
     empty_mm: f32,
+    // With LEAP: another ray or another frame may meet something here.
+    is_near: bool,
     // After so many samples the ray goes on in the next dispatch.
     limit: u32,
     // A brick was missing; the ray waits for it; it has used up the dispatch's samples.
@@ -78,9 +80,9 @@ fn cast_interval(caster: Cast) -> vec2f {
     return interval;
 }
 
-// Notes where the ray first met something, if it was in the segment before sample `next`, read from `level`.
+// Notes where the ray first met something, or nearly so, if it was in the segment before sample `next`, read from `level`.
 fn cast_meet(caster: ptr<function, Cast>, next: i32, level: u32) {
-    if LEAP && (*caster).contributing > 0u && (*caster).empty_mm == LEAP_NOTHING {
+    if LEAP && ((*caster).contributing > 0u || (*caster).is_near) && (*caster).empty_mm == LEAP_NOTHING {
         let segment = f32(next - 2) * (*caster).ray.step_mm + (*caster).ray.first_mm;
         (*caster).empty_mm = segment - frame.levels[level].leap_back_mm;
     }

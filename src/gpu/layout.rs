@@ -112,7 +112,7 @@ shared! {
         near_mm: f32,
         most_pieces: f32,
         forward_mm: f32,
-        pad: u32,
+        one_level_mm: f32,
         pad3: u32,
         pad4: u32,
     }

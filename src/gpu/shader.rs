@@ -20,7 +20,7 @@ impl Part {
     /// The embedded text; in debug builds the file below `SHADER_DIR`, if that is set, so that shaders can be tried
     /// without a build.
     fn current_text(&self) -> std::borrow::Cow<'static, str> {
-        if (true) // TEMPORARY
+        if cfg!(debug_assertions)
             && let Some(folder) = std::env::var_os("SHADER_DIR")
         {
             let path = std::path::Path::new(&folder).join(self.path);

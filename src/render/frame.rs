@@ -393,11 +393,9 @@ pub(super) fn padded(v: Vec3) -> [f32; 4] {
 }
 
 /// By how much the point where the level of that number first shows something is moved back for the next frame: the samples
-/// that a voxel's diagonal takes, between pixels and across levels surfaces are no farther apart (techniques.md T2.2). Where
-/// the next level is sampled, too, a point may be of that one in the next frame.
+/// that a voxel's diagonal takes (techniques.md T2.2).
 pub(super) fn leap_back_mm(rays: &RayFrame, number: usize) -> f64 {
-    let coarser = number.max((number + 1).min(rays.used_levels - 1));
-    let diagonal_mm = block_diagonal_mm(&rays.levels[coarser]) / f64::from(BLOCK_EDGE);
+    let diagonal_mm = block_diagonal_mm(&rays.levels[number]) / f64::from(BLOCK_EDGE);
     let step_mm = rays.levels[number].step_mm_exact;
     (diagonal_mm / step_mm).ceil() * step_mm
 }

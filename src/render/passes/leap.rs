@@ -19,7 +19,7 @@ const GROUP_EDGE: u32 = 8;
 /// What leaping does wrong on purpose, for tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeapFault {
-    /// Points stay where rays first met something.
+    /// Points are the samples that first met something: neither the ones before, nor moved back.
     NotMovedBack,
     /// Of the line in the picture before, only the pixels around its middle are looked at.
     OnePixel,
@@ -95,6 +95,7 @@ impl LeapTargets {
         };
         let old = self.written.take().filter(|(old, rays)| {
             (*old == origin || fault == Some(LeapFault::KeepsPoints))
+                && rays.levels[0].lod == inputs.rays.levels[0].lod
                 && line_pixels(rays, inputs.rays) <= f64::from(MOST_PIXELS)
         });
         if let Some((_, rays)) = &old {
@@ -106,7 +107,8 @@ impl LeapTargets {
             let mut uniforms = leap_uniforms(rays, inputs.rays);
             match fault {
                 Some(LeapFault::NotMovedBack) => {
-                    uniforms.forward_mm = leap_back_mm(inputs.rays, 0) as f32;
+                    let moved_mm = leap_back_mm(inputs.rays, 0) + inputs.rays.step_mm_exact;
+                    uniforms.forward_mm = moved_mm as f32;
                 }
                 Some(LeapFault::OnePixel) => uniforms.most_pieces = 1.0,
                 Some(LeapFault::KeepsPoints) | None => (),
@@ -311,7 +313,17 @@ fn leap_uniforms(old: &RayFrame, new: &RayFrame) -> LeapUniforms {
         half_extent: old.half_extent.map(|h| h as f32),
         near_mm: old.near_mm,
         most_pieces: MOST_PIXELS,
+        one_level_mm: one_level_mm(old).min(one_level_mm(new)) as f32,
         ..LeapUniforms::default()
+    }
+}
+
+/// Up to which distance from the eye only the finest level is sampled, mm. Beyond it a place may be of another level in the
+/// next frame, which shows what this one does not.
+fn one_level_mm(rays: &RayFrame) -> f64 {
+    match rays.used().get(1) {
+        Some(next) => rays.reach_mm(next)[0],
+        None => f64::from(f32::MAX),
     }
 }
 
