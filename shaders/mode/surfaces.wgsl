@@ -51,11 +51,12 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     let value = sample_value(source.brick, source_offset(source, f32(i)));
     let zone = surface_zone(value);
     if LEAP {
-        // A wall that is thinner than a step is met by some rays only, in each frame by others: where a step as steep as the
-        // last one would reach a surface, the next frame looks again.
+        // A wall that is thinner than a step is met by some rays only, in each frame by others: where a step as steep as this
+        // one would reach a surface, beyond it or before it, the next frame looks again.
         let reach = select(0.0, abs(value - (*mode).value), (*mode).before == i - 1);
         for (var k = 0u; k < SURFACES; k++) {
-            (*caster).is_near |= abs(value - surface_value(k)) <= reach;
+            let nearest = min(abs(value - surface_value(k)), abs((*mode).value - surface_value(k)));
+            (*caster).is_near |= nearest <= reach;
         }
         (*mode).value = value;
     }
