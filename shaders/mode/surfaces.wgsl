@@ -53,7 +53,10 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     if LEAP {
         // A wall that is thinner than a step is met by some rays only, in each frame by others: where a step as steep as this
         // one would reach a surface, beyond it or before it, the next frame looks again.
-        let reach = select(0.0, abs(value - (*mode).value), (*mode).before == i - 1);
+        // So it does where the volume begins inside a body: next to it a ray may meet its surface.
+        let follows = (*mode).before == i - 1;
+        let reach = select(0.0, abs(value - (*mode).value), follows);
+        (*caster).is_near |= !follows && zone > 0u;
         for (var k = 0u; k < SURFACES; k++) {
             let nearest = min(abs(value - surface_value(k)), abs((*mode).value - surface_value(k)));
             (*caster).is_near |= nearest <= reach;
