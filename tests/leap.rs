@@ -94,7 +94,10 @@ fn turned(store: &Store, settings: &PictureSettings, frame: u32, degrees: f64) -
 
 /// Pixels that differ by more than the bound.
 fn differing(a: &Image, b: &Image) -> u64 {
-    let differs = |(p, q): (&glam::Vec4, &glam::Vec4)| !((*p - *q).abs().max_element() <= BOUND);
+    let differs = |(p, q): (&glam::Vec4, &glam::Vec4)| {
+        let difference = (*p - *q).abs();
+        difference.is_nan() || difference.max_element() > BOUND
+    };
     a.pixels
         .iter()
         .zip(&b.pixels)
