@@ -23,28 +23,20 @@ impl RangeTable {
     /// without a finite width makes every range visible.
     pub fn new(visibility: &Visibility, domain: [f32; 2]) -> Self {
         let [lo, hi] = domain;
-        let scale = BUCKETS as f32 / (hi - lo);
-        // Without a width everything is in the first bucket.
-        let scale = if scale.is_finite() && scale > 0.0 {
-            scale
-        } else {
-            0.0
-        };
-        let width = if scale > 0.0 {
-            (hi - lo) / BUCKETS as f32
-        } else {
-            0.0
-        };
+        let width = (hi - lo) / BUCKETS as f32;
+        let scale = width.recip();
+        // Written so that NaN takes this way, too.
+        if !(width > 0.0 && width.is_finite() && scale.is_finite()) {
+            return Self {
+                rows: vec![[u64::MAX; BUCKETS / 64]; BUCKETS],
+                lo: 0.0,
+                scale: 0.0,
+            };
+        }
         // Rounding may put a value into the neighbouring bucket.
         let slack = width * 1e-3;
-        let begin = |i: usize| match i {
-            0 => f32::MIN,
-            _ => lo + i as f32 * width - slack,
-        };
-        let end = |i: usize| match i {
-            _ if i == BUCKETS - 1 || scale == 0.0 => f32::MAX,
-            _ => lo + (i + 1) as f32 * width + slack,
-        };
+        let begin = |i: usize| (lo + i as f32 * width - slack).max(lo);
+        let end = |i: usize| (lo + (i + 1) as f32 * width + slack).min(hi);
         let rows = (0..BUCKETS)
             .map(|i| {
                 let mut row = [0; BUCKETS / 64];
