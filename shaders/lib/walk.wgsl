@@ -86,6 +86,10 @@ fn walk_activity(ray: Ray, walk: Walk, brick: vec3i) -> u32 {
 // Finds the next run; false when there is none. The caller takes samples walk.first ..= walk.last.
 fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
     let bricks = ray.grid.last + 1;
+    // No sample is better than the volume's best.
+    if EXTREME && (*walk).greatest >= select(frame.value_ceiling, -frame.value_floor, MINIMUM) {
+        return false;
+    }
     loop {
         if (*walk).at > (*walk).end {
             return false;
