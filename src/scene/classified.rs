@@ -11,6 +11,7 @@ use crate::classify::{
     grey_ramp,
 };
 use crate::store::StoreMeta;
+use crate::volume::StoredType;
 
 /// Why a picture can't be made from these settings.
 #[derive(Debug, Error)]
@@ -109,7 +110,11 @@ impl Classified {
         let surfaces = surfaces(settings, meta)?;
         let values: Vec<f32> = surfaces.iter().map(|s| s.value).collect();
         let integrals = settings.is_preintegrated().then(|| {
-            let side = TransferIntegrals::side(meta.stored_type);
+            // One entry per value where there are so few.
+            let side = match meta.stored_type {
+                StoredType::U8 => 256,
+                StoredType::U16 | StoredType::F32 => 1024,
+            };
             TransferIntegrals::new(transfer, line, value_range.map(f64::from), side, unit_mm)
         });
         let level = |step_mm: f64| {

@@ -16,7 +16,7 @@ use brickscope::store::Store;
 use brickscope::volume::{VoxelSource, VoxelType};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-use crate::memory_source::MemorySource;
+use crate::memory_source::{MemorySource, noise};
 
 /// A store on disk that goes with its folder.
 pub struct TestStore {
@@ -67,6 +67,23 @@ pub fn field(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn(DVec3) -> f64
         }
     }
     MemorySource::new(dims, voxel_type, bytes)
+}
+
+/// Random single 4³ blocks of 255 in zeros, 96³: the hardest mesh there is.
+pub fn speckle(share: u32, affine: DAffine3) -> TestStore {
+    const EDGE: usize = 96;
+    const BLOCKS: usize = EDGE / 4;
+    let on: Vec<bool> = noise(BLOCKS.pow(3), 7).map(|v| v % share == 0).collect();
+    let mut bytes = vec![0_u8; EDGE.pow(3)];
+    for (i, byte) in bytes.iter_mut().enumerate() {
+        let (x, y, z) = (i % EDGE / 4, i / EDGE % EDGE / 4, i / EDGE / EDGE / 4);
+        if on[(z * BLOCKS + y) * BLOCKS + x] {
+            *byte = 255;
+        }
+    }
+    let mut source = MemorySource::new([EDGE as u64; 3], VoxelType::U8, bytes);
+    source.desc.world_from_index = affine;
+    store_of(&mut source)
 }
 
 /// A rotated, anisotropic, slightly sheared affine: nothing may rely on axes.
