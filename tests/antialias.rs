@@ -28,8 +28,6 @@ use scenes::{
 };
 
 /// Modes that both fast devices draw.
-const MODES: [Mode; 7] = Mode::ALL;
-
 const PATTERNS: [SamplePattern; 5] = [
     SamplePattern::One,
     SamplePattern::Two,
@@ -106,7 +104,7 @@ fn of_level_0(store: &TestStore, mode: Mode) -> PictureSettings {
 #[test]
 fn full_is_the_mean_of_the_pictures_of_its_rays() {
     let store = waves();
-    for mode in MODES {
+    for mode in Mode::ALL {
         let s = of_level_0(&store, mode);
         for pattern in PATTERNS {
             let what = format!("{} {}", mode.name(), pattern.name());
@@ -149,7 +147,7 @@ fn full_is_the_mean_of_the_pictures_of_its_rays() {
 fn full_on_the_gpu_is_the_mean_of_the_references_pictures() {
     let store = waves();
     let mut engine = gpu(&store, EngineOptions::default());
-    for mode in MODES {
+    for mode in Mode::ALL {
         let s = of_level_0(&store, mode);
         for pattern in PATTERNS {
             let what = format!("{} {}", mode.name(), pattern.name());
@@ -242,7 +240,7 @@ const ODD_SIZES: [[u32; 2]; 3] = [[61, 47], [130, 3], [1, 77]];
 #[test]
 fn selective_is_full_where_marked_on_the_cpu() {
     let store = phantom("phantom:body:100,70,110:u8");
-    for mode in MODES {
+    for mode in Mode::ALL {
         for size in ODD_SIZES {
             let mut s = settings(&store.store, mode);
             s.size = size;
@@ -272,7 +270,7 @@ fn selective_is_full_where_marked_on_the_cpu() {
 fn selective_is_full_where_marked_on_the_gpu() {
     let store = phantom("phantom:body:100,70,110:u8");
     let mut engine = gpu(&store, EngineOptions::default());
-    for mode in MODES {
+    for mode in Mode::ALL {
         for size in ODD_SIZES {
             let mut s = settings(&store.store, mode);
             s.size = size;
@@ -384,7 +382,7 @@ fn rms(a: &Image, b: &Image) -> f64 {
 #[test]
 fn more_rays_are_nearer_to_sixteen() {
     let store = phantom("phantom:body:100,70,110:u8");
-    for mode in MODES {
+    for mode in Mode::ALL {
         let mut s = settings(&store.store, mode);
         s.size = [96, 96];
         s.classification.iso[0].value = 150.3;
@@ -440,7 +438,7 @@ fn any_atlas_gives_the_same_picture() {
     let store = phantom("phantom:body:200,180,210:u16");
     let pattern = SamplePattern::FourRotated;
     let threshold = 0.04;
-    for mode in MODES {
+    for mode in Mode::ALL {
         let s = many_levels(&store, mode);
         for how in [
             AntiAliasing::Full(pattern),
@@ -483,7 +481,7 @@ fn the_mesh_bounds_the_rays_of_every_pattern() {
     let bounds = brickscope::scene::volume_bounds(store.store.meta().dims, &oblique());
     let mut engine = gpu(&store, EngineOptions::default());
     for (n, pattern) in PATTERNS.into_iter().enumerate() {
-        for mode in MODES {
+        for mode in Mode::ALL {
             for projection in [Projection::Perspective, Projection::Orthographic] {
                 let mut s = settings(&store.store, mode);
                 s.size = [80, 64];
