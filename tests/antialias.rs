@@ -27,7 +27,6 @@ use scenes::{
     TestStore, cpu, field, gpu, inside, oblique, phantom, reference, settings, speckle, store_of,
 };
 
-/// Modes that both fast devices draw.
 const PATTERNS: [SamplePattern; 5] = [
     SamplePattern::One,
     SamplePattern::Two,
