@@ -106,7 +106,7 @@ impl<K: VoxelKind> Kernel for BareTile<'_, K> {
             for x in (0..TILE).step_by(across as usize) {
                 let packet = Packet::new(
                     l,
-                    self.picture.frame().size,
+                    self.picture.frame(),
                     self.origin[0] + x,
                     self.origin[1] + y,
                 );

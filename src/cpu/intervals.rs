@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::simd::GatherBytes;
 use crate::camera::Projection;
 use crate::geom::{BLOCK_EDGE, BLOCKS_PER_BRICK, BLOCKS_PER_EDGE, BRICK_EDGE};
-use crate::scene::{LevelFrame, RayFrame};
+use crate::scene::{Jitter, LevelFrame, RayFrame};
 
 /// Pixels along the edge of a cell.
 pub(super) const CELL: u32 = 4;
@@ -177,9 +177,10 @@ impl<'a> Projector<'a> {
             Projection::Orthographic => ([nearest, farthest], [1.0, 1.0]),
         };
         let index = |t: f64| (t - self.frame.first_mm_exact) / self.level.step_mm_exact;
-        // `as` saturates. One sample more on each side: a segment has two ends.
+        // `as` saturates. One sample more on each side: a segment has two ends. Jitter moves samples away by up to one.
+        let moved = i32::from(self.frame.jitter != Jitter::None);
         let interval = [
-            index(t0).floor() as i32 - 1,
+            index(t0).floor() as i32 - 1 - moved,
             (index(t1).ceil() as i32).saturating_add(1),
         ];
         // A box across the eye's plane may be anywhere in the picture.
@@ -227,7 +228,7 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::geom::Lod;
-    use crate::scene::{GridParams, Jitter, LodRule};
+    use crate::scene::{GridParams, LodRule};
 
     /// Every sample of every ray that lies in an active block is inside its cell's interval.
     #[test]

@@ -43,9 +43,11 @@ pub(super) use axes;
 /// Pixels side by side.
 #[derive(Clone, Copy)]
 pub(super) struct Packet<L: Lanes> {
-    /// Image-plane coordinates of the pixels' centres.
+    /// Image-plane coordinates of the pixels' rays.
     u: L::F,
     v: L::F,
+    /// Distances of their samples 0, mm.
+    first_mm: L::F,
     /// Those inside the picture.
     pub(super) inside: L::M,
 }
@@ -53,21 +55,22 @@ pub(super) struct Packet<L: Lanes> {
 impl<L: Lanes> Packet<L> {
     /// The packet whose first pixel is `(x, y)`.
     #[inline(always)]
-    pub(super) fn new(l: L, size: [u32; 2], x: u32, y: u32) -> Self {
+    pub(super) fn new(l: L, frame: &RayFrame, x: u32, y: u32) -> Self {
         let [across, _] = L::SHAPE;
-        let mut at = [[0.0; MAX_LANES]; 2];
+        let mut at = [[0.0; MAX_LANES]; 3];
         let mut bits = 0;
         for lane in 0..L::WIDTH as u32 {
             let (px, py) = (x + lane % across, y + lane / across);
-            at[0][lane as usize] = px as f32;
-            at[1][lane as usize] = py as f32;
-            bits |= u32::from(px < size[0] && py < size[1]) << lane;
+            let [u, v] = frame.plane_of_pixel(px, py);
+            at[0][lane as usize] = u;
+            at[1][lane as usize] = v;
+            at[2][lane as usize] = frame.first_mm_of_pixel(px, py);
+            bits |= u32::from(px < frame.size[0] && py < frame.size[1]) << lane;
         }
-        let half = l.f(0.5);
-        let one = l.f(1.0);
         Self {
-            u: (l.load_f(&at[0]) + half) * l.f(2.0 / size[0] as f32) - one,
-            v: one - (l.load_f(&at[1]) + half) * l.f(2.0 / size[1] as f32),
+            u: l.load_f(&at[0]),
+            v: l.load_f(&at[1]),
+            first_mm: l.load_f(&at[2]),
             inside: l.mask(bits),
         }
     }
@@ -105,7 +108,7 @@ impl<L: Lanes> Rays<L> {
         let inverse = one / length;
         let direction = packet.at(l, &level.level_dir);
         let origin = packet.at(l, &level.level_origin);
-        let to_first = inverse * l.f(frame.first_mm);
+        let to_first = inverse * packet.first_mm;
         let base = axes!(n => origin[n] + direction[n] * to_first);
         let still = l.f(1e-20);
         let exact = scaled::<L>(direction, inverse * l.f(level.step_mm));
@@ -120,7 +123,7 @@ impl<L: Lanes> Rays<L> {
         let farther = axes!(n => l.max(to_min[n], to_max[n]));
         let near = l.max(l.max(nearer[0], nearer[1]), nearer[2]);
         let far = l.min(l.min(farther[0], farther[1]), farther[2]);
-        let near_plane = (l.f(frame.near_mm) * length - l.f(frame.first_mm)) / l.f(level.step_mm);
+        let near_plane = (l.f(frame.near_mm) * length - packet.first_mm) / l.f(level.step_mm);
         let zero = l.f(0.0);
         let first = l.max(l.max(near, near_plane), l.f(level.begin as f32));
         let ceil = zero - l.floor(zero - first);

@@ -23,10 +23,7 @@ pub use options::{
 pub use picture::Picture;
 pub use tick::{TickBudget, TickEvent, TickReport};
 
-use crate::scene::{
-    AntiAliasing, Classified, GradientFilter, GridParams, IsoSurface, Jitter, Mode,
-    PictureSettings, RayFrame, SceneError, Technique,
-};
+use crate::scene::{Classified, GridParams, PictureSettings, RayFrame, SceneError};
 use crate::store::{Store, StoreMeta};
 use host::HostDevice;
 
@@ -202,9 +199,11 @@ fn open_device(
     }
 }
 
-/// The sample grid and the classification of a picture.
-/// What no graphics device and no CPU renderer draws yet.
+/// What no graphics device draws yet.
+#[cfg(feature = "gpu")]
 fn refuse_unbuilt(settings: &PictureSettings) -> Result<(), EngineError> {
+    use crate::scene::{AntiAliasing, GradientFilter, IsoSurface, Jitter, Mode, Technique};
+
     let one_opaque = |s: &[IsoSurface]| matches!(s, [one] if one.opacity == 1.0);
     let what = if !matches!(
         settings.mode,
@@ -229,6 +228,7 @@ fn refuse_unbuilt(settings: &PictureSettings) -> Result<(), EngineError> {
     Err(EngineError::NotBuilt { what })
 }
 
+/// The sample grid and the classification of a picture.
 fn prepare(
     store: &Store,
     settings: &PictureSettings,
