@@ -62,7 +62,10 @@ mod tests {
         let sample = trilinear(v, f);
         for extreme in [Extreme::Greatest, Extreme::Least] {
             let bound = extreme.bound(stored_type, range);
-            prop_assert!(sample * extreme.sign() <= bound, "{sample} of {v:?}: {bound}");
+            prop_assert!(
+                sample * extreme.sign() <= bound,
+                "{sample} of {v:?}: {bound}"
+            );
         }
         Ok(())
     }

@@ -192,7 +192,10 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
             brick: axes!(n => l.shl::<BRICK_SHIFT>(brick[n])),
             block: block[0] + l.shl::<BLOCKS_SHIFT>(block[1] + l.shl::<BLOCKS_SHIFT>(block[2])),
         };
-        (place, brick[0] + brick[1] * self.row + brick[2] * self.layer)
+        (
+            place,
+            brick[0] + brick[1] * self.row + brick[2] * self.layer,
+        )
     }
 
     /// Points `lanes` at the bricks of number `index`.

@@ -91,11 +91,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                 span.index += 1;
             }
             let count = span.count_to(l, last);
-            for of in [
-                &mut self.samples,
-                &mut self.passed,
-                &mut self.contributing,
-            ] {
+            for of in [&mut self.samples, &mut self.passed, &mut self.contributing] {
                 add(l, of, all, count);
             }
         }

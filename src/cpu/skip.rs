@@ -127,7 +127,11 @@ mod tests {
         ranges[1] = [4.0, 8.0];
         ranges[2] = [5.5, 6.0];
         let bytes = seen.of_blocks(&ranges);
-        assert_eq!(bytes[0], 1 | 3 << ZONE_SHIFT, "above all, beside an active one");
+        assert_eq!(
+            bytes[0],
+            1 | 3 << ZONE_SHIFT,
+            "above all, beside an active one"
+        );
         assert_eq!(bytes[1], 0, "active");
         assert_eq!(bytes[2], 1 | 1 << ZONE_SHIFT, "above one");
         assert_eq!(bytes[3], 2, "below all");
