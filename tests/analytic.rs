@@ -123,7 +123,7 @@ fn a_sphere_has_the_silhouette_and_the_normals_of_a_sphere() {
     }));
     let mut s = settings(&store.store, Mode::Iso);
     s.classification.iso[0].value = 0.5;
-    s.classification.iso[0].color = glam::Vec3::ONE;
+    s.classification.iso[0].color = Vec3::ONE;
     s.shading.specular = 0.0;
     (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
     s.size = [128, 128];
@@ -159,7 +159,7 @@ fn a_linear_ramp_has_one_exact_gradient() {
     let store = plain(field([96, 40, 40], VoxelType::F32, |p| p.x));
     let mut s = settings(&store.store, Mode::Iso);
     s.classification.iso[0].value = 0.5;
-    s.classification.iso[0].color = glam::Vec3::ONE;
+    s.classification.iso[0].color = Vec3::ONE;
     s.shading.specular = 0.0;
     (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
     let center = volume_bounds(

@@ -401,7 +401,11 @@ fn negative_controls_fail() {
     differs(&four, &with_surfaces(&store, &denser), "3 % more opacity");
     let mut moved = FOUR;
     moved[2].0 += 0.002;
-    differs(&four, &with_surfaces(&store, &moved), "a moved surface");
+    differs(
+        &lit(four.clone()),
+        &lit(with_surfaces(&store, &moved)),
+        "a moved surface",
+    );
     let mut one_less = FOUR;
     one_less[3].1 = 1e-6;
     differs(&four, &with_surfaces(&store, &one_less), "one surface less");
