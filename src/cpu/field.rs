@@ -352,16 +352,14 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
             let high = l.to_f(self.last[n] + l.i(1) - self.anchor[n]);
             l.max(l.min(offset[n], high), low)
         });
-        let mut beyond = l.mask(0);
-        for n in 0..3 {
+        let border = l.i(BRICK_BORDER as i32);
+        let beyond = axes!(n => {
             let first = l.to_i(l.floor(offset[n] - self.shift)) + self.anchor[n] - place.brick[n];
-            let border = l.i(BRICK_BORDER as i32);
-            let is_before = l.gt_i(l.i(0) - border, first);
             // The second of two voxels may be in the border.
             let is_behind = l.gt_i(first + l.i(1), l.i(BRICK_EDGE as i32 - 1) + border);
-            beyond = beyond | is_before | is_behind;
-        }
-        let beyond = beyond & lanes;
+            l.gt_i(l.i(0) - border, first) | is_behind
+        });
+        let beyond = (beyond[0] | beyond[1] | beyond[2]) & lanes;
         if !l.any(beyond) {
             return self.value::<K>(l, place, offset);
         }

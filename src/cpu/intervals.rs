@@ -239,7 +239,7 @@ mod tests {
             glam::DQuat::from_rotation_z(0.3),
             DVec3::new(5.0, -40.0, 3.0),
         );
-        let params = GridParams {
+        let still = GridParams {
             jitter: Jitter::None,
             dims,
             level_scales: vec![DVec3::ONE],
@@ -252,11 +252,15 @@ mod tests {
         let brick_at = DVec3::new(32.0, 32.0, 0.0);
         let middle = world_from_index.transform_point3(dims.as_dvec3() / 2.0);
         let mut taken = 0;
-        for (n, projection) in [
-            (0, Projection::Perspective),
-            (1, Projection::Orthographic),
-            (2, Projection::Perspective),
+        for (n, projection, jitter) in [
+            (0, Projection::Perspective, Jitter::Interleaved),
+            (1, Projection::Orthographic, Jitter::Interleaved),
+            (2, Projection::Perspective, Jitter::None),
         ] {
+            let params = GridParams {
+                jitter,
+                ..still.clone()
+            };
             // From outside, and from inside, close to the blocks.
             let eye = middle + DVec3::new(30.0, -150.0, 40.0) * [1.0, 1.0, 0.02][n];
             let camera = Camera {
@@ -283,7 +287,8 @@ mod tests {
                     };
                     let length = at(&frame.world_dir).length();
                     for i in 0..frame.last_index as i32 {
-                        let t = frame.first_mm_exact + f64::from(i) * level.step_mm_exact;
+                        let first_mm = f64::from(frame.first_mm_of_pixel(x, y));
+                        let t = first_mm + f64::from(i) * level.step_mm_exact;
                         let p = at(&level.level_origin)
                             + level.anchor.as_dvec3()
                             + at(&level.level_dir) * (t / length);
