@@ -7,14 +7,13 @@ use std::time::Instant;
 use super::bare::{BareRate, BareRates};
 use super::{
     DeviceChoice, EngineError, EngineOptions, Picture, TickBudget, TickEvent, TickReport, prepare,
-    refuse_unbuilt,
 };
 use crate::camera::Camera;
 use crate::clock::Stopwatch;
 use crate::cpu::{CpuPicture, CpuRenderer, CpuTraffic, DenseArray, InstructionSet};
 use crate::geom::Lod;
 use crate::reference;
-use crate::scene::{Image, PictureSettings, PictureStats};
+use crate::scene::{AntiAliasing, Image, PictureSettings, PictureStats};
 use crate::store::Store;
 
 /// Tiles, or other parts, that are in memory beside the picture at most: 16 MiB.
@@ -293,7 +292,11 @@ fn mark(live: &mut Live, event: TickEvent) {
 
 /// A picture made ready to be drawn.
 fn begin(store: &Store, settings: &PictureSettings) -> Result<CpuPicture, EngineError> {
-    refuse_unbuilt(settings)?;
+    if settings.anti_aliasing != AntiAliasing::Off {
+        return Err(EngineError::NotBuilt {
+            what: "super-sampling",
+        });
+    }
     let (frame, classified) = prepare(store, settings)?;
     for level in frame.used() {
         let bricks = store.level(level.lod).grid.len();

@@ -23,10 +23,7 @@ pub use options::{
 pub use picture::Picture;
 pub use tick::{TickBudget, TickEvent, TickReport};
 
-use crate::scene::{
-    Classified, GradientFilter, GridParams, IsoSurface, Jitter, Mode, PictureSettings, RayFrame,
-    SceneError, Technique,
-};
+use crate::scene::{Classified, GridParams, PictureSettings, RayFrame, SceneError};
 use crate::store::{Store, StoreMeta};
 use host::HostDevice;
 
@@ -202,30 +199,6 @@ fn open_device(
 }
 
 /// The sample grid and the classification of a picture.
-/// What no graphics device and no CPU renderer draws yet.
-fn refuse_unbuilt(settings: &PictureSettings) -> Result<(), EngineError> {
-    let one_opaque = |s: &[IsoSurface]| matches!(s, [one] if one.opacity == 1.0);
-    let what = if !matches!(
-        settings.mode,
-        Mode::Dvr | Mode::Iso | Mode::Mip | Mode::Xray
-    ) {
-        settings.mode.name()
-    } else if settings.mode == Mode::Iso && !one_opaque(&settings.classification.iso) {
-        "several or translucent surfaces"
-    } else if settings.is_preintegrated() {
-        "pre-integrated classification"
-    } else if settings.jitter != Jitter::None {
-        "jitter"
-    } else if settings.shading.gradient != GradientFilter::Central {
-        "filtered gradients"
-    } else if !matches!(settings.technique, Technique::Default | Technique::Basic) {
-        settings.technique.name()
-    } else {
-        return Ok(());
-    };
-    Err(EngineError::NotBuilt { what })
-}
-
 fn prepare(
     store: &Store,
     settings: &PictureSettings,
