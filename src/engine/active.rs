@@ -70,3 +70,52 @@ fn no_memory(store: &Store) -> EngineError {
         error: std::io::ErrorKind::OutOfMemory.into(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::bricking::{BrickOptions, NoProgress, brick};
+    use crate::camera::Camera;
+    use crate::classify::grey_ramp;
+    use crate::engine::{DeviceChoice, EngineOptions};
+    use crate::geom::Lod;
+    use crate::input;
+    use crate::scene::{IsoSurface, LodChoice, Mode};
+
+    #[test]
+    fn all_some_or_none_is_active() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.bsk");
+        let mut source = input::open("phantom:sponge:40,40,40", None).unwrap();
+        brick(&mut *source, &path, &BrickOptions::default(), &NoProgress).unwrap();
+        let options = EngineOptions {
+            device: DeviceChoice::Cpu,
+            ..EngineOptions::default()
+        };
+        let store = Arc::new(Store::open(&path).unwrap());
+        let engine = Engine::with_store(store, options).unwrap();
+        let share = |mode: Mode, iso: f64| {
+            let camera = Camera::turntable(0, 1, DVec3::splat(19.5), 150.0);
+            let mut settings =
+                PictureSettings::new(mode, grey_ramp(0.0, 255.0, 0.5).unwrap(), camera);
+            settings.lod = LodChoice::Fixed(Lod(0));
+            settings.classification.iso = vec![IsoSurface::opaque(iso)];
+            engine.active_share(&settings).unwrap()
+        };
+        // 2 × 2 × 2 bricks, 10 × 10 × 10 blocks; a mean is of all values.
+        let all = share(Mode::Mean, 0.0);
+        assert_eq!((all.bricks, all.bricks_active), (8, 8));
+        assert_eq!((all.blocks, all.blocks_active), (1000, 1000));
+        let none = share(Mode::Iso, 1000.0);
+        assert_eq!((none.bricks_active, none.blocks_active), (0, 0));
+        let some = share(Mode::Iso, 60.0);
+        assert!(
+            some.bricks_active > 0 && 0 < some.blocks_active && some.blocks_active < 1000,
+            "the sponge has walls and pores: {some:?}"
+        );
+    }
+}

@@ -349,7 +349,70 @@ fn refusal(error: EngineError) -> Result<String, BenchError> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
+    use crate::bench::seeds::tests::pictures;
+    use crate::bench::seeds::{SeedPictures, SeedTable};
+    use crate::bricking::{BrickOptions, NoProgress, brick};
+    use crate::engine::{DeviceChoice, EngineOptions};
+    use crate::input;
+    use crate::store::Store;
+
+    /// The reference renderer draws every mode and setting, so every row has figures, but for what leaps.
+    #[test]
+    fn what_can_be_drawn_has_figures_and_errors_fall_with_more_rays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.bsk");
+        let mut source = input::open("phantom:sponge:32,32,32", None).unwrap();
+        brick(&mut *source, &path, &BrickOptions::default(), &NoProgress).unwrap();
+        let options = EngineOptions {
+            device: DeviceChoice::Reference,
+            ..EngineOptions::default()
+        };
+        let store = Arc::new(Store::open(&path).unwrap());
+        let mut engine = Engine::with_store(store, options).unwrap();
+        let job = SeedJob {
+            vol: "s".into(),
+            tables: SeedTable::ALL.to_vec(),
+            pictures: SeedPictures {
+                size: 16,
+                iso: 60.0,
+                ..pictures()
+            },
+            frames: 2,
+            repeats: 1,
+        };
+        let rows = job.measure(&mut engine).unwrap();
+        for row in &rows {
+            let is_drawn = row.note.is_none();
+            assert!(
+                is_drawn || row.configuration.ends_with("leaping"),
+                "{row:?}"
+            );
+            assert_eq!(row.wall_ms.is_some_and(|ms| ms > 0.0), is_drawn, "{row:?}");
+            assert_eq!(
+                row.speed_up.is_some(),
+                is_drawn && row.against.is_some(),
+                "{row:?}"
+            );
+        }
+        let rms = |configuration: &str| {
+            let row = rows.iter().find(|r| r.configuration == configuration);
+            row.and_then(|r| r.error_rms).expect(configuration)
+        };
+        let falling = ["1×", "4r× from 0.16 on", "4r× from 0.02 on"].map(rms);
+        assert!(
+            falling.is_sorted_by(|a, b| a >= b) && falling[0] > falling[2],
+            "{falling:?}"
+        );
+        assert!(
+            rms("1×") > rms("2×") && rms("2×") > rms("8×"),
+            "{:?}",
+            rms("8×")
+        );
+        assert!(rms("8×") > 0.0, "held against other pictures than its own");
+    }
 
     #[track_caller]
     fn check(baseline: &[f64], own: &[f64], expected: [f64; 3]) {
