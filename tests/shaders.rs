@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use brickscope::gpu::layout::{self, FRAME_UNIFORMS, SHARED_STRUCTS, SharedStruct};
-use brickscope::gpu::shader::{self, ShaderSource};
+use brickscope::gpu::shader::{self, AtlasPart, ModePart, ShaderSource};
 use brickscope::render::bindings::{self, Entries};
 use wgpu::naga::front::wgsl;
 use wgpu::naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
@@ -68,12 +68,15 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 
 #[test]
 fn every_shader_is_valid() {
-    let failures: Vec<String> = shader::ALL.iter().filter_map(|s| check(s).err()).collect();
+    let failures: Vec<String> = shader::all()
+        .iter()
+        .filter_map(|s| check(s).err())
+        .collect();
     assert!(
         failures.is_empty(),
         "{} of {} shaders:\n{}",
         failures.len(),
-        shader::ALL.len(),
+        shader::all().len(),
         failures.join("\n")
     );
 }
@@ -83,11 +86,11 @@ fn every_shader_and_every_file_is_used() {
     let text = fs::read_to_string(root().join("src/gpu/shader.rs")).expect("the list of shaders");
     let declared = text.matches(": ShaderSource =").count();
     assert_eq!(
-        shader::ALL.len(),
+        shader::OTHERS.len(),
         declared,
-        "shader::ALL has every shader that is declared"
+        "shader::OTHERS has every shader that is declared by itself"
     );
-    let used: BTreeSet<PathBuf> = shader::ALL
+    let used: BTreeSet<PathBuf> = shader::all()
         .iter()
         .flat_map(|s| s.parts)
         .map(|p| p.path.into())
@@ -104,7 +107,7 @@ fn every_shader_and_every_file_is_used() {
 
 #[test]
 fn a_shader_without_one_of_its_parts_is_reported() {
-    for source in shader::ALL {
+    for source in &shader::all() {
         for missing in 0..source.parts.len() {
             let mut parts = source.parts.to_vec();
             let part = parts.remove(missing);
@@ -173,7 +176,7 @@ fn layout_differences(text: &str, host: &[SharedStruct]) -> Vec<String> {
 }
 
 fn types_text() -> &'static str {
-    let part = shader::ALL
+    let part = shader::all()
         .iter()
         .flat_map(|s| s.parts)
         .find(|p| p.path == TYPES);
@@ -326,11 +329,11 @@ fn bindings_are_those_of_the_layouts() {
     let names =
         |all: Vec<&str>| -> BTreeSet<String> { all.into_iter().map(str::to_owned).collect() };
     assert_eq!(
-        names(bindings::SHADERS.iter().map(|(s, _)| s.name).collect()),
-        names(shader::ALL.iter().map(|s| s.name).collect()),
+        names(bindings::shaders().iter().map(|(s, _)| s.name).collect()),
+        names(shader::all().iter().map(|s| s.name).collect()),
         "every shader has its groups"
     );
-    let found: Vec<String> = bindings::SHADERS
+    let found: Vec<String> = bindings::shaders()
         .iter()
         .flat_map(|(source, groups)| match check(source) {
             Ok(module) => binding_differences(source.name, &module, groups),
@@ -342,7 +345,12 @@ fn bindings_are_those_of_the_layouts() {
 
 #[test]
 fn bindings_of_another_kind_or_place_are_reported() {
-    let module = check(&shader::RAYCAST_FLOAT).expect("a valid shader");
+    let module = check(&shader::caster(
+        shader::RAYCASTERS,
+        ModePart::Post,
+        AtlasPart::Float,
+    ))
+    .expect("a valid shader");
     let differences =
         |groups: &[Entries]| binding_differences("raycast", &module, groups).join("\n");
     let uint = differences(&[bindings::FRAME, bindings::VOLUME_UINT, bindings::RAYCAST]);

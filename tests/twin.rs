@@ -23,10 +23,8 @@ use brickscope::volume::VoxelType;
 use compare::{TWIN_BOUND, assert_twins, coverage, difference};
 use glam::DVec3;
 use scenes::{
-    TestStore, drawn, field, gpu, inside, oblique, phantom, reference, settings, store_of,
+    TestStore, drawn, field, gpu, inside, looks, oblique, phantom, reference, settings, store_of,
 };
-
-const MODES: [Mode; 3] = [Mode::Dvr, Mode::Iso, Mode::Mip];
 
 /// A smooth field with structure at every scale, over several bricks in each axis.
 fn waves(voxel_type: VoxelType) -> TestStore {
@@ -62,13 +60,8 @@ fn check(store: &TestStore, settings: &PictureSettings, allowed: usize, what: &s
 fn every_voxel_type_and_mode_matches_the_reference() {
     for voxel_type in [VoxelType::U8, VoxelType::U16, VoxelType::F32] {
         let store = waves(voxel_type);
-        for mode in MODES {
-            check(
-                &store,
-                &settings(&store.store, mode),
-                0,
-                &format!("{voxel_type} {}", mode.name()),
-            );
+        for (look, s) in looks(&store.store) {
+            check(&store, &s, 0, &format!("{voxel_type} {look}"));
         }
     }
 }
@@ -89,24 +82,24 @@ fn every_setting_matches_the_reference() {
     let mut side_light = phong(of(Mode::Dvr));
     side_light.shading.light = Some(DVec3::new(1.0, 0.5, -0.3));
     check(&store, &side_light, 0, "dvr lit from the side");
-    for mode in MODES {
-        let mut s = of(mode);
+    for (look, of_look) in looks(&store.store) {
+        let mut s = of_look.clone();
         s.camera.projection = Projection::Orthographic;
-        check(&store, &s, 0, &format!("orthographic {}", mode.name()));
-        let mut s = of(mode);
+        check(&store, &s, 0, &format!("orthographic {look}"));
+        let mut s = of_look.clone();
         s.camera = inside(
             &store.store,
             DVec3::new(0.45, 0.55, 0.5),
             DVec3::new(0.3, 1.0, 0.2),
         );
-        check(&store, &s, 0, &format!("{} from inside", mode.name()));
-        let mut s = of(mode);
+        check(&store, &s, 0, &format!("{look} from inside"));
+        let mut s = of_look.clone();
         s.interpolation = Interpolation::Nearest;
         // A sample on the very face between two voxels may take either: rounding of 1e-5 voxel decides.
-        check(&store, &s, 16, &format!("{} nearest", mode.name()));
-        let mut s = of(mode);
+        check(&store, &s, 16, &format!("{look} nearest"));
+        let mut s = of_look;
         s.lod = LodChoice::Fixed(Lod(1));
-        check(&store, &s, 0, &format!("{} at level 1", mode.name()));
+        check(&store, &s, 0, &format!("{look} at level 1"));
     }
     let mut coarse = of(Mode::Iso);
     (coarse.step, coarse.refine) = (3.0, false);
@@ -122,8 +115,7 @@ fn every_setting_matches_the_reference() {
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn several_levels_in_one_picture_match_the_reference() {
     let store = waves(VoxelType::U16);
-    for mode in MODES {
-        let mut s = settings(&store.store, mode);
+    for (look, mut s) in looks(&store.store) {
         s.camera = inside(
             &store.store,
             DVec3::new(0.45, 0.2, 0.5),
@@ -131,7 +123,7 @@ fn several_levels_in_one_picture_match_the_reference() {
         );
         // Voxels are 0.8 mm and more, a pixel 0.009 mm per mm of distance: level 1 begins at about 15 mm.
         s.lod_error = 12.0;
-        let what = format!("{} at several levels", mode.name());
+        let what = format!("{look} at several levels");
         check(&store, &s, 0, &what);
         let one = drawn(
             &store,
@@ -151,10 +143,9 @@ fn several_levels_in_one_picture_match_the_reference() {
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn sharp_edges_match_the_reference() {
     let store = phantom("phantom:body:100,70,110:u8");
-    for mode in MODES {
-        let mut s = settings(&store.store, mode);
+    for (look, mut s) in looks(&store.store) {
         s.classification.iso[0].value = 150.3;
-        check(&store, &s, 0, &format!("body {}", mode.name()));
+        check(&store, &s, 0, &format!("body {look}"));
     }
 }
 

@@ -8,7 +8,8 @@
 @group(1) @binding(3) var<storage, read> constants: array<f32>;
 // Two bits per brick of every level, one of BRICK_*.
 @group(1) @binding(4) var<storage, read> brick_activity: array<u32>;
-// Eight bits per brick of every level, its greatest value as a code, rounded up; used by mip only.
-@group(1) @binding(9) var<storage, read> brick_maxima: array<u32>;
+// Sixteen bits per brick of every level: its greatest value as a code, and above it its least, both rounded outward; used by
+// modes mip and minip only.
+@group(1) @binding(9) var<storage, read> brick_extremes: array<u32>;
 // 16 words per atlas slot: a bit per 4³ block.
 @group(1) @binding(5) var<storage, read> occupancy: array<u32>;

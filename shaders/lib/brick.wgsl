@@ -1,5 +1,11 @@
 // Where a brick's voxels are: the indirection word, unpacked once per brick that a ray enters.
 
+// Only what is better than the ray's extreme is walked; MINIMUM: the extreme is the least value, not the greatest.
+override EXTREME: bool = false;
+override MINIMUM: bool = false;
+// Samples in empty bricks, at the ends of runs, need their values: the side of one iso-value isn't enough.
+override EXACT_ENDS: bool = false;
+
 struct Brick {
     // Place in the grid of the ray's level, and that level.
     xyz: vec3i,
@@ -30,11 +36,13 @@ fn brick_activity_of(grid: Grid, xyz: vec3i) -> u32 {
     return (brick_activity[number >> 4u] >> ((number & 15u) * 2u)) & 3u;
 }
 
-// No sample in the brick is greater. The last code stands for anything.
-fn brick_maximum(grid: Grid, xyz: vec3i) -> f32 {
+// No sample in the brick is greater; with MINIMUM, none of the negated samples. The last code stands for anything.
+fn brick_extreme(grid: Grid, xyz: vec3i) -> f32 {
     let number = brick_number(grid, xyz);
-    let code = (brick_maxima[number >> 2u] >> ((number & 3u) * 8u)) & 255u;
-    return select(frame.value_floor + f32(code) * frame.maximum_scale, 3e38, code == 255u);
+    let codes = (brick_extremes[number >> 1u] >> ((number & 1u) * 16u)) & 0xffffu;
+    let code = select(codes & 255u, codes >> 8u, MINIMUM);
+    let least = select(frame.value_floor, -frame.value_ceiling, MINIMUM);
+    return select(least + f32(code) * frame.extreme_scale, 3e38, code == 255u);
 }
 
 fn brick_word(grid: Grid, xyz: vec3i) -> u32 {
@@ -66,7 +74,7 @@ fn brick_at(grid: Grid, offset: vec3f) -> Brick {
     if brick.tag == TAG_CONSTANT {
         brick.constant = constants[word & PAYLOAD_MASK];
     }
-    if brick.is_absent {
+    if brick.is_absent && !EXACT_ENDS {
         // Nothing in an empty brick can be seen, so that only the side of the iso-value matters: no voxels are needed.
         let activity = brick_activity_of(grid, xyz);
         if activity == BRICK_EMPTY || activity == BRICK_EMPTY_ABOVE {

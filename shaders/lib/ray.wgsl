@@ -1,5 +1,8 @@
 // Rays on the frame's sample grid (design.md §2, invariant 1). The twin is reference::caster::Ray.
 
+// Samples are moved by a part of a step that depends on the pixel (techniques.md T1.4).
+override JITTERED: bool = false;
+
 // False where only one level is sampled: its number is then a constant.
 override MANY_LEVELS: bool = true;
 
@@ -28,6 +31,8 @@ fn grid_of(level: u32) -> Grid {
 struct Ray {
     grid: Grid,
     step_mm: f32,
+    // Distance of sample 0 from the eye.
+    first_mm: f32,
     // Unit direction, world.
     direction: vec3f,
     // Length of the unnormalised direction: view depth · length = distance (perspective).
@@ -46,25 +51,38 @@ fn ray_axis(step: f32) -> f32 {
     return select(step, 1e-20, abs(step) < 1e-20);
 }
 
+// By how much of a base step the samples of a pixel are moved (scene::interleaved_offset).
+fn ray_jitter(pixel: vec2u) -> f32 {
+    if !JITTERED {
+        return 0.0;
+    }
+    let fine = pixel & vec2u(1u);
+    let coarse = (pixel >> vec2u(1u)) & vec2u(1u);
+    let sixteenths = 4u * (2u * (fine.x ^ fine.y) + fine.y) + 2u * (coarse.x ^ coarse.y) + coarse.y;
+    return f32(sixteenths) / 16.0;
+}
+
 // The part of the pixel's ray that is sampled at `level`.
 fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
-    let u = (f32(pixel.x) + 0.5) * (2.0 / f32(frame.picture_size.x)) - 1.0;
-    let v = 1.0 - (f32(pixel.y) + 0.5) * (2.0 / f32(frame.picture_size.y));
+    let u = (f32(pixel.x) + frame.place_in_pixel.x) * (2.0 / f32(frame.picture_size.x)) - 1.0;
+    let v = 1.0 - (f32(pixel.y) + frame.place_in_pixel.y) * (2.0 / f32(frame.picture_size.y));
     let world = frame.world_dir[0].xyz + frame.world_dir[1].xyz * u + frame.world_dir[2].xyz * v;
     let dir = frame.levels[level].level_dir[0].xyz + frame.levels[level].level_dir[1].xyz * u
         + frame.levels[level].level_dir[2].xyz * v;
     let origin = frame.levels[level].level_origin[0].xyz + frame.levels[level].level_origin[1].xyz * u
         + frame.levels[level].level_origin[2].xyz * v;
     let step_mm = frame.levels[level].step_mm;
+    let first_mm = frame.first_mm + ray_jitter(pixel) * frame.step_mm;
     let stretch = sqrt(dot(world, world));
     let inverse = 1.0 / stretch;
 
     var ray: Ray;
     ray.grid = grid_of(level);
     ray.step_mm = step_mm;
+    ray.first_mm = first_mm;
     ray.stretch = stretch;
     ray.direction = world * inverse;
-    ray.base = origin + dir * (inverse * frame.first_mm);
+    ray.base = origin + dir * (inverse * first_mm);
     let step = dir * (inverse * step_mm);
     ray.step = vec3f(ray_axis(step.x), ray_axis(step.y), ray_axis(step.z));
     ray.inverse_step = 1.0 / ray.step;
@@ -74,7 +92,7 @@ fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
     let far3 = max(to_min, to_max);
     let near = max(max(near3.x, near3.y), near3.z);
     let far = min(min(far3.x, far3.y), far3.z);
-    let near_plane = (frame.near_mm * stretch - frame.first_mm) / step_mm;
+    let near_plane = (frame.near_mm * stretch - first_mm) / step_mm;
     let begin = f32(frame.levels[level].begin);
     ray.first = i32(min(ceil(max(max(near, near_plane), begin)), 2e9));
     let end = min(f32(frame.last_index >> (frame.finest_lod + level)), f32(frame.levels[level].last));
@@ -89,5 +107,5 @@ fn ray_offset(ray: Ray, index: f32) -> vec3f {
 
 // Sample index at the ray's level of a distance from the eye.
 fn ray_index(ray: Ray, distance_mm: f32) -> f32 {
-    return (distance_mm - frame.first_mm) / ray.step_mm;
+    return (distance_mm - ray.first_mm) / ray.step_mm;
 }

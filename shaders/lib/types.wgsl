@@ -30,7 +30,9 @@ struct FrameUniforms {
     to_light: vec4f,
     // Ambient, diffuse, specular, shininess.
     material: vec4f,
-    iso_color: vec4f,
+    // Surfaces by rising value: colour and opacity, and the value itself, four to a vector.
+    surface_colors: array<vec4f, MAX_SURFACES>,
+    surface_values: array<vec4f, MAX_SURFACES_4>,
     // Clip space from an offset in voxels of the mesh's level, cropped to the tile and its margin; reversed depth.
     clip_from_offset: mat4x4f,
     // Integer voxel of the mesh's level that its offsets count from; w unused.
@@ -45,9 +47,13 @@ struct FrameUniforms {
     tile_origin: vec2u,
     tile_size: vec2u,
     part_size: vec2u,
+    // Where in a pixel its ray passes, from its upper left corner, in pixels.
+    place_in_pixel: vec2f,
     // Last sample of any ray, in base steps, as samples of level 0.
     last_index: u32,
     first_mm: f32,
+    // Distance of base samples.
+    step_mm: f32,
     near_mm: f32,
     opacity_cutoff: f32,
     // View depth from depth-buffer value d: perspective depth_scale / d, orthographic depth_bias - depth_scale · d.
@@ -55,15 +61,21 @@ struct FrameUniforms {
     depth_bias: f32,
     // What the raster may be off, mm along a ray: one block diagonal.
     slack_mm: f32,
-    iso: f32,
     // Table index = (stored value - lut_lo) · lut_scale, in [0, lut_last].
     lut_scale: f32,
     lut_lo: f32,
     lut_last: f32,
     // Stored value = texel · value_scale.
     value_scale: f32,
-    // The least stored value of the volume.
+    // The least and the greatest stored value of the volume.
     value_floor: f32,
+    value_ceiling: f32,
+    // Mode gradient: strength of a gradient of length 1.
+    gradient_scale: f32,
+    // Place in the table of integrals = (stored value - lo) · scale, in [0, last], along either side.
+    preintegrated_lo: f32,
+    preintegrated_scale: f32,
+    preintegrated_last: f32,
     // What samples in bricks that are empty and not resident read: values that can't be seen, on either side of the
     // iso-value.
     empty_below: f32,
@@ -78,10 +90,11 @@ struct FrameUniforms {
     bits_at: u32,
     // What the host writes into `feedback` for a dispatch (FEEDBACK_LIMIT and others; then the list of work-groups).
     orders_at: u32,
-    // Step from a code of `brick_maxima` to the next, in stored values.
-    maximum_scale: f32,
+    // Step from a code of `brick_extremes` to the next, in stored values.
+    extreme_scale: f32,
     pad2: u32,
     pad3: u32,
+    pad4: u32,
     levels: array<LevelUniforms, MAX_LEVELS>,
 }
 
@@ -98,7 +111,8 @@ struct RayState {
     next: i32,
     // RAY_* bits; the low ones are the level.
     flags: u32,
-    // Greatest value so far (mip).
-    extreme: f32,
-    pad: u32,
+    // What the mode carries on: the extreme so far, the sample before, the sum of samples.
+    value: f32,
+    // What the mode counts: the base steps of a mean.
+    count: u32,
 }

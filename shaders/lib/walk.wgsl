@@ -4,9 +4,6 @@
 // A block's range covers half a voxel beyond its faces (6³ voxels), so that rounding in the DDA, far below half a voxel,
 // can only skip what another block's range has shown to be invisible.
 
-// Only what raises the ray's maximum is walked.
-override MAXIMUM: bool = false;
-
 struct Walk {
     // Searched up to here, and to be searched up to there, in samples.
     at: f32,
@@ -20,7 +17,7 @@ struct Walk {
     block_shift: vec3f,
     brick_scale: vec3f,
     brick_shift: vec3f,
-    // With MAXIMUM: the ray's greatest value so far.
+    // With EXTREME: the ray's greatest value so far (of the negated ones with MINIMUM).
     greatest: f32,
     // The current run of samples, both inclusive.
     first: i32,
@@ -80,7 +77,7 @@ fn walk_cross_brick(ray: Ray, walk: ptr<function, Walk>, brick: vec3i) {
 // BRICK_* bits of a brick for this ray.
 fn walk_activity(ray: Ray, walk: Walk, brick: vec3i) -> u32 {
     let activity = brick_activity_of(ray.grid, brick);
-    if MAXIMUM && brick_maximum(ray.grid, brick) <= walk.greatest {
+    if EXTREME && brick_extreme(ray.grid, brick) <= walk.greatest {
         return BRICK_EMPTY;
     }
     return activity;
@@ -109,7 +106,7 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
             loop {
                 walk_cross_brick(ray, walk, full);
                 full = (*walk).block >> vec3u(BLOCKS_SHIFT);
-                if MAXIMUM || (*walk).at > (*walk).end || any(full < vec3i(0)) || any(full >= bricks)
+                if EXTREME || (*walk).at > (*walk).end || any(full < vec3i(0)) || any(full >= bricks)
                     || brick_activity_of(ray.grid, clamp(full, vec3i(0), bricks - 1)) != BRICK_FULL {
                     break;
                 }

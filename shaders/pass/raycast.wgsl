@@ -1,4 +1,5 @@
-// The caster: one invocation per ray, one entry point per mode. The twin of each is reference::caster.
+// The caster: one invocation per ray. What a sample does to its ray is told by a file of mode/, each of which has the same
+// functions. The twin is reference::{caster, modes}.
 //
 // A ray that meets a brick that is not there stores its state, asks for the brick, and goes on in a later dispatch: the
 // picture is exact in the end, whatever fits the memory (design.md §2, invariant 2). In a DRAFT nothing waits: the nearest
@@ -14,20 +15,23 @@
 // Per pixel of the tile; zeros before the first dispatch.
 @group(2) @binding(5) var<storage, read_write> rays: array<RayState>;
 @group(2) @binding(7) var depth_sampler: sampler;
+// The pixels of a dispatch that casts listed ones, row << 16 | column within the tile; 0xffffffff after the last.
+@group(2) @binding(8) var pixel_list: texture_2d<u32>;
 // lib/feedback.wgsl.
 @group(2) @binding(6) var<storage, read_write> feedback: array<atomic<u32>>;
 
 override GROUP_WIDTH: u32 = 8u;
 override GROUP_HEIGHT: u32 = 8u;
-// Phong shading, and bisection at iso-surfaces.
+// Phong shading.
 override SHADED: bool = false;
-override REFINED: bool = true;
+// Rays go on behind what they have met: surfaces may be translucent.
+override MANY_EVENTS: bool = false;
 // Coarser bricks stand in for missing ones; rays don't wait.
 override DRAFT: bool = false;
 
 // The ray of one invocation, and what it has gathered.
 struct Cast {
-    // Number of the work-group in the tile, and of the pixel in the tile's buffers.
+    // Number of the work-group in the tile or in the list of pixels, and of the pixel in the tile's buffers.
     group: u32,
     at: u32,
     // Pixel of the tile, and of the picture.
@@ -36,6 +40,8 @@ struct Cast {
     ray: Ray,
     // Mesh interval, brick and block skipping? With and without, the picture is the same to the bit.
     skips: bool,
+    // The ray meets the volume, at this level or at a finer one.
+    is_inside: bool,
     // Nothing to do: outside the picture, or finished before.
     is_idle: bool,
     // Samples at levels that are done are in here.
@@ -72,6 +78,19 @@ fn cast_place(local: vec3u) -> vec2u {
     return vec2u((block % blocks_wide) * 4u + (index & 3u), (block / blocks_wide) * 2u + ((index >> 2u) & 1u));
 }
 
+// The pixel of the tile that an invocation casts: in its place in the picture, or the one that the host listed for it. In one
+// pipeline, so that a pixel is the same to the bit either way.
+fn cast_tile_pixel(group: u32, local: vec3u) -> vec2u {
+    if cast_order(FEEDBACK_PIXELS) != 0u {
+        let number = group * GROUP_WIDTH * GROUP_HEIGHT + local.y * GROUP_WIDTH + local.x;
+        let wide = textureDimensions(pixel_list).x;
+        let pixel = textureLoad(pixel_list, vec2u(number % wide, number / wide), 0).x;
+        return vec2u(pixel & 0xffffu, pixel >> 16u);
+    }
+    let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
+    return vec2u(group % groups_wide, group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + cast_place(local);
+}
+
 // The ray of an invocation, at its beginning or where it stopped. The host lists the work-groups that have something to do.
 fn cast_begin(
     group: vec3u,
@@ -81,8 +100,7 @@ fn cast_begin(
 ) -> Cast {
     var caster: Cast;
     caster.group = cast_order(FEEDBACK_GROUPS + group.x);
-    let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
-    caster.tile_pixel = vec2u(caster.group % groups_wide, caster.group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + cast_place(local);
+    caster.tile_pixel = cast_tile_pixel(caster.group, local);
     caster.pixel = frame.tile_origin + caster.tile_pixel;
     caster.limit = cast_order(FEEDBACK_LIMIT);
     caster.skips = cast_order(FEEDBACK_SKIP) != 0u;
@@ -97,6 +115,7 @@ fn cast_begin(
         level = (*state).flags & RAY_LEVEL_MASK;
     }
     caster.ray = ray_for_pixel(caster.pixel, level);
+    caster.is_inside = caster.ray.first <= caster.ray.last || ((*state).flags & RAY_INSIDE) != 0u;
     if caster.is_idle {
         caster.ray.last = -1;
     }
@@ -122,6 +141,7 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool
         }
         (*caster).skipped += cast_skipped(*caster, *walk);
         (*caster).ray = ray_for_pixel((*caster).pixel, (*caster).ray.grid.level + 1u);
+        (*caster).is_inside |= (*caster).ray.first <= (*caster).ray.last;
         let greatest = (*walk).greatest;
         *walk = walk_begin((*caster).ray, cast_interval(*caster), 0);
         (*walk).greatest = greatest;
@@ -176,24 +196,37 @@ fn source_offset(source: Source, index: f32) -> vec3f {
 fn cast_enter(caster: ptr<function, Cast>, brick: Brick, index: f32) -> Source {
     let source = source_of(*caster, brick, index);
     if source.is_missing {
-        feedback_request((*caster).ray.grid, brick);
-        (*caster).missed = true;
-        (*caster).stopped = !DRAFT;
+        cast_miss(caster, brick);
     } else {
         feedback_touch(brick);
     }
     return source;
 }
 
-// Stores what the ray has come to. `next`: the sample that it goes on with, where it is not finished.
-fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extreme: f32) {
+// The ray needs a brick of its level that is not there.
+fn cast_miss(caster: ptr<function, Cast>, brick: Brick) {
+    feedback_request((*caster).ray.grid, brick);
+    (*caster).missed = true;
+    (*caster).stopped = !DRAFT;
+}
+
+// What a mode has come to: the picture's colour, RAY_* bits, and what it carries on where the ray is not finished.
+struct Outcome {
+    color: vec4f,
+    flags: u32,
+    value: f32,
+    count: u32,
+}
+
+// Stores it. `next`: the sample that the ray goes on with, where it is not finished.
+fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     if caster.is_idle {
         return;
     }
-    picture[caster.at] = color;
+    picture[caster.at] = outcome.color;
     let is_pending = caster.stopped || caster.paused;
     // A level that is left behind for good was skipped where no samples were taken.
-    let skipped = caster.skipped + select(walk.skipped, cast_skipped(caster, walk), !is_pending && (flags & RAY_ENDED) == 0u);
+    let skipped = caster.skipped + select(walk.skipped, cast_skipped(caster, walk), !is_pending && (outcome.flags & RAY_ENDED) == 0u);
     counts[caster.at].samples += caster.samples;
     counts[caster.at].skipped += skipped;
     counts[caster.at].contributing += caster.contributing;
@@ -205,8 +238,10 @@ fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extre
     }
     var state: RayState;
     state.next = next;
-    state.flags = select(RAY_FINISHED, (flags & ~RAY_LEVEL_MASK) | caster.ray.grid.level, is_pending);
-    state.extreme = extreme;
+    let flags = outcome.flags | caster.ray.grid.level | select(0u, RAY_INSIDE, caster.is_inside);
+    state.flags = select(RAY_FINISHED, flags, is_pending);
+    state.value = outcome.value;
+    state.count = outcome.count;
     rays[caster.at] = state;
     if is_pending {
         feedback_pending(caster.at, caster.group, caster.stopped);
@@ -216,226 +251,67 @@ fn cast_end(caster: Cast, walk: Walk, color: vec4f, next: i32, flags: u32, extre
 // The loops below nest run, brick, sample: what belongs to a run or a brick is done once for it. Software adapters execute
 // both sides of every `if`, and a loop's body once more than needed unless it ends in its `break`: hence the shape
 // (ARCHITECTURE.md, "Decisions"). A run is never empty.
-
 @compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
-fn cast_dvr(
+fn cast_rays(
     @builtin(workgroup_id) group: vec3u,
     @builtin(local_invocation_id) local: vec3u,
 ) {
     var state: RayState;
     var walk: Walk;
     var caster = cast_begin(group, local, &state, &walk);
-    var sum = vec4f(0.0);
-    if !DRAFT {
-        sum = picture[caster.at];
-    }
-    var ended = false;
-    var i = state.next;
-    var more = cast_next_run(&caster, &walk);
-    while more {
-        i = walk.first;
-        loop {
-            var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.grid, offset);
-            let source = cast_enter(&caster, brick, f32(i));
-            if caster.stopped {
-                break;
-            }
-            loop {
-                let at = source_offset(source, f32(i));
-                let classified = classify_value(caster.ray.grid, sample_value(source.brick, at));
-                var color = classified.rgb;
-                if SHADED {
-                    let gradient = sample_gradient(source.brick, at, classified.a > 0.0);
-                    color = shade_phong(color, gradient, caster.ray.direction);
-                }
-                sum += vec4f(color, 1.0) * ((1.0 - sum.a) * classified.a);
-                caster.contributing += u32(classified.a > 0.0);
-                caster.samples += 1u;
-                i += 1;
-                offset = ray_offset(caster.ray, f32(i));
-                ended = sum.a >= frame.opacity_cutoff;
-                if ended || i > walk.last || !brick_contains(brick, offset) {
-                    break;
-                }
-            }
-            caster.paused = !ended && caster.samples >= caster.limit;
-            if ended || caster.paused || i > walk.last {
-                break;
-            }
-        }
-        more = !ended && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
-    }
-    cast_end(caster, walk, sum, i, select(0u, RAY_ENDED, ended), 0.0);
-}
-
-@compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
-fn cast_mip(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(local_invocation_id) local: vec3u,
-) {
-    var state: RayState;
-    var walk: Walk;
-    var caster = cast_begin(group, local, &state, &walk);
-    // Blocks that hold nothing above the volume's minimum are skipped: this is their maximum.
-    var greatest = max(frame.value_floor, select(frame.value_floor, state.extreme, (state.flags & RAY_INSIDE) != 0u));
-    var is_inside = caster.ray.first <= caster.ray.last || (state.flags & RAY_INSIDE) != 0u;
-    var i = state.next;
-    walk.greatest = greatest;
-    var more = cast_next_run(&caster, &walk);
-    while more {
-        is_inside = true;
-        i = walk.first;
-        loop {
-            var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.grid, offset);
-            let source = cast_enter(&caster, brick, f32(i));
-            if caster.stopped {
-                break;
-            }
-            loop {
-                let value = sample_value(source.brick, source_offset(source, f32(i)));
-                caster.contributing += u32(value > greatest);
-                greatest = max(greatest, value);
-                caster.samples += 1u;
-                i += 1;
-                offset = ray_offset(caster.ray, f32(i));
-                if i > walk.last || !brick_contains(brick, offset) {
-                    break;
-                }
-            }
-            caster.paused = caster.samples >= caster.limit;
-            if caster.paused || i > walk.last {
-                break;
-            }
-        }
-        walk.greatest = greatest;
-        more = !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
-    }
-    // At a coarser level the ray may be inside where it was not before.
-    is_inside |= caster.ray.first <= caster.ray.last;
     var color = vec4f(0.0);
-    if is_inside {
-        let classified = classify_value(caster.ray.grid, greatest);
-        color = vec4f(classified.rgb * classified.a, classified.a);
+    if !DRAFT {
+        color = picture[caster.at];
     }
-    cast_end(caster, walk, color, i, select(0u, RAY_INSIDE, is_inside), greatest);
-}
-
-@compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
-fn cast_iso(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(local_invocation_id) local: vec3u,
-) {
-    var state: RayState;
-    var walk: Walk;
-    var caster = cast_begin(group, local, &state, &walk);
-    var above_before = (state.flags & RAY_ABOVE) != 0u;
-    // The sample that `above_before` belongs to: a run that doesn't continue the last one starts afresh.
-    var before = select(-2, state.next - 1, (state.flags & RAY_HAS_BEFORE) != 0u);
-    // Levels don't continue each other: a segment has one level (design.md §3).
-    var level_before = caster.ray.grid.level;
-    var hit = false;
+    var mode = mode_begin(caster, state, color);
+    walk.greatest = mode_bound(mode);
     var i = state.next;
+    // In the middle of a run, behind something translucent.
+    var resumed = false;
     var more = cast_next_run(&caster, &walk);
-    while more {
-        before = select(-2, before, caster.ray.grid.level == level_before);
-        level_before = caster.ray.grid.level;
-        i = walk.first;
-        loop {
-            var offset = ray_offset(caster.ray, f32(i));
-            let brick = brick_at(caster.ray.grid, offset);
-            let source = cast_enter(&caster, brick, f32(i));
-            if caster.stopped {
-                break;
-            }
+    loop {
+        while more {
+            mode_next_run(&mode, caster);
+            i = select(walk.first, i, resumed);
+            resumed = false;
             loop {
-                let above = sample_value(source.brick, source_offset(source, f32(i))) >= frame.iso;
-                hit = before == i - 1 && above != above_before;
-                above_before = above;
-                before = i;
-                caster.samples += 1u;
-                i += 1;
-                offset = ray_offset(caster.ray, f32(i));
-                if hit || i > walk.last || !brick_contains(brick, offset) {
+                var offset = ray_offset(caster.ray, f32(i));
+                let brick = brick_at(caster.ray.grid, offset);
+                let source = cast_enter(&caster, brick, f32(i));
+                if caster.stopped {
+                    break;
+                }
+                loop {
+                    mode_take(&mode, &caster, source, i);
+                    if FILTERED_GRADIENTS && caster.stopped {
+                        break;
+                    }
+                    caster.samples += 1u;
+                    i += 1;
+                    offset = ray_offset(caster.ray, f32(i));
+                    if mode.event || i > walk.last || !brick_contains(brick, offset) {
+                        break;
+                    }
+                }
+                caster.paused = !mode.event && caster.samples >= caster.limit;
+                if mode.event || caster.paused || caster.stopped || i > walk.last {
                     break;
                 }
             }
-            caster.paused = !hit && caster.samples >= caster.limit;
-            if hit || caster.paused || i > walk.last {
-                break;
-            }
+            walk.greatest = mode_bound(mode);
+            more = !mode.event && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
         }
-        more = !hit && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
-    }
-    // The hit lies between samples `before` − 1 and `before`.
-    let surface = refine_hit(&caster, f32(before), above_before, hit);
-    var color = frame.iso_color.rgb;
-    if SHADED {
-        let gradient = sample_gradient(
-            surface.source.brick,
-            source_offset(surface.source, surface.index),
-            hit,
-        );
-        color = shade_phong(color, gradient, caster.ray.direction);
-    }
-    if hit && caster.stopped {
-        // The last sample is taken once more when the bricks around the hit are there.
-        hit = false;
-        i = before;
-        before -= 1;
-        above_before = !above_before;
-        caster.samples -= 1u;
-    }
-    caster.contributing = u32(hit);
-    let flags = select(0u, RAY_ENDED, hit) | select(0u, RAY_ABOVE, above_before)
-        | select(0u, RAY_HAS_BEFORE, before == i - 1);
-    cast_end(caster, walk, select(vec4f(0.0), vec4f(color, 1.0), hit), i, flags, 0.0);
-}
-
-// A point of the surface: its place in samples, and what it is read from.
-struct Hit {
-    index: f32,
-    source: Source,
-}
-
-// Six bisection steps between sample `index`, on the new side, and the one before (techniques.md T1.3). Where a brick is
-// missing on the way, the ray stops.
-fn refine_hit(caster: ptr<function, Cast>, index: f32, above: bool, hit: bool) -> Hit {
-    var at = index;
-    if REFINED {
-        at = index - 0.5;
-        var reach = 0.25;
-        var k = 0;
-        loop {
-            let source = probe(caster, at, hit, false);
-            let beyond = (sample_value(source.brick, source_offset(source, at)) >= frame.iso) == above;
-            at += select(reach, -reach, beyond);
-            reach *= 0.5;
-            k += 1;
-            // Where no ray of a group has hit anything, once is enough.
-            if k == 6 || !hit {
-                break;
-            }
+        i = mode_resolve(&mode, &caster, i);
+        if !MANY_EVENTS || !mode.event || mode.ended || caster.stopped {
+            break;
+        }
+        mode.event = false;
+        caster.paused = caster.samples >= caster.limit;
+        resumed = i <= walk.last;
+        more = !caster.paused && (resumed || cast_next_run(&caster, &walk));
+        if !more {
+            break;
         }
     }
-    return Hit(at, probe(caster, at, hit, SHADED));
-}
-
-// The source at `index`, any number between samples. With `voxels` the voxels themselves are needed (for a gradient), also
-// of a brick that is empty.
-fn probe(caster: ptr<function, Cast>, index: f32, hit: bool, voxels: bool) -> Source {
-    var brick = brick_at((*caster).ray.grid, ray_offset((*caster).ray, index));
-    if voxels && brick.is_absent {
-        brick.tag = TAG_ABSENT;
-    }
-    let source = source_of(*caster, brick, index);
-    if hit && source.is_missing {
-        feedback_request((*caster).ray.grid, brick);
-        (*caster).missed = true;
-        (*caster).stopped = !DRAFT;
-    } else if hit {
-        feedback_touch(brick);
-    }
-    return source;
+    cast_end(caster, walk, mode_end(mode, caster, i), i);
 }

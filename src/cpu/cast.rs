@@ -51,21 +51,19 @@ impl<'a> Scene<'a> {
 /// Premultiplied colour and opacity, per lane.
 pub(super) type Colors = [PerLane<f32>; 4];
 
-/// Draws the packet whose first pixel is `(x, y)`. `fields`: one per level that is sampled.
+/// Draws a packet. `fields`: one per level that is sampled.
 #[inline(always)]
 pub(super) fn cast<L: Lanes, K: VoxelKind>(
     l: L,
     scene: &Scene<'_>,
     fields: &mut [Field<'_, '_, L>],
-    [x, y]: [u32; 2],
+    packet: Packet<L>,
     counts: &mut RayCounts,
 ) -> Colors {
-    let packet = Packet::new(l, scene.frame.size, x, y);
     let mut caster = Caster {
         l,
         scene,
         packet,
-        at: [x, y],
         fields,
         samples: l.i(0),
         passed: l.i(0),
@@ -90,8 +88,6 @@ struct Caster<'s, 'f, 'n, 'a, L: Lanes> {
     l: L,
     scene: &'s Scene<'f>,
     packet: Packet<L>,
-    /// Its first pixel.
-    at: [u32; 2],
     fields: &'s mut [Field<'n, 'a, L>],
     /// Per lane: samples taken, samples of the parts that are done, samples that counted.
     samples: L::I,
@@ -156,9 +152,9 @@ impl<L: Lanes> Span<L> {
 }
 
 impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
-    /// The samples of level number `n` that the packet's rays may have to take. Packets are not larger than cells.
+    /// The samples of level number `n` that the packet's rays may have to take.
     fn interval(&self, n: usize) -> Interval {
-        self.scene.intervals[n].at(self.at)
+        self.scene.intervals[n].around(self.packet.cells())
     }
 
     #[inline(always)]

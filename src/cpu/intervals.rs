@@ -81,10 +81,17 @@ impl Intervals {
         sum
     }
 
-    /// That of the cell of pixel `(x, y)`.
+    /// What bounds the cells of all `pixels`.
     #[inline]
-    pub(super) fn at(&self, [x, y]: [u32; 2]) -> Interval {
-        self.cells[(y / CELL * self.across + x / CELL) as usize]
+    pub(super) fn around(&self, pixels: &[[u32; 2]]) -> Interval {
+        let mut around = NONE;
+        for [x, y] in pixels {
+            widen(
+                &mut around,
+                self.cells[(y / CELL * self.across + x / CELL) as usize],
+            );
+        }
+        around
     }
 }
 
@@ -291,7 +298,7 @@ mod tests {
                             block.cmpge(DVec3::ZERO).all() && block.cmplt(DVec3::splat(8.0)).all();
                         let number = block.dot(DVec3::new(1.0, 8.0, 64.0));
                         if is_inside && blocks[number as usize] == 0 {
-                            let [first, last] = intervals.at([x, y]);
+                            let [first, last] = intervals.around(&[[x, y]]);
                             assert!(
                                 (first..=last).contains(&i),
                                 "{projection:?}: sample {i} of ({x}, {y}) is not in {first}..={last}"

@@ -1,4 +1,4 @@
-//! Whole pictures: tiles of packets on all threads.
+//! Whole pictures: parts of packets on all threads. A part is a tile, or pixels from a list, with all rays of its pixels.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -10,15 +10,21 @@ use super::bricks::{BrickCache, CastLevel, LevelClassification, NearBricks, Purp
 use super::cast::{Colors, Scene, cast};
 use super::field::{Field, VoxelKind, with_voxel_kind};
 use super::intervals::Intervals;
+use super::rays::Packet;
 use super::simd::{InstructionSet, Kernel, Lanes};
 use super::skip::Seen;
 use super::table::Table;
 use crate::geom::Lod;
-use crate::scene::{Classified, Image, Mode, PictureSettings, RayCounts, RayFrame, Technique};
+use crate::scene::{
+    AntiAliasing, Classified, Image, Mode, PictureSettings, RayCounts, RayFrame, RaySet, Technique,
+    add_ray,
+};
 use crate::store::{Store, StoreError};
 
 /// Pixels along the edge of a tile: what a thread draws at once.
 pub(super) const TILE: u32 = 32;
+/// Pixels of a list that a thread draws at once.
+const LISTED: usize = 1024;
 
 /// A store and what of it is decoded, kept from picture to picture.
 #[derive(Debug)]
@@ -41,7 +47,7 @@ pub struct CpuTraffic {
     pub bytes_decompressed: u64,
 }
 
-/// A picture in work: settings made ready, and which tiles are drawn.
+/// A picture in work: settings made ready, and which parts are drawn.
 #[derive(Debug)]
 pub struct CpuPicture {
     frame: RayFrame,
@@ -49,12 +55,17 @@ pub struct CpuPicture {
     settings: PictureSettings,
     image: Image,
     counts: RayCounts,
-    /// One per level that is sampled, worked out when the first tile is drawn.
+    rays: u64,
+    /// The rays that are cast, and what tells those that follow; `None` once they are told.
+    set: RaySet,
+    anti_aliasing: Option<AntiAliasing>,
+    /// One per level that is sampled, worked out when the first part is drawn.
     intervals: Option<Vec<Intervals>>,
     /// One per level that is sampled.
     tables: Vec<Table>,
     visible: u64,
-    next_tile: u32,
+    /// Of the set of rays.
+    next_part: u32,
 }
 
 impl CpuPicture {
@@ -63,6 +74,9 @@ impl CpuPicture {
         Self {
             image: Image::clear(frame.size),
             counts: RayCounts::default(),
+            rays: 0,
+            set: RaySet::first(settings.anti_aliasing),
+            anti_aliasing: Some(settings.anti_aliasing),
             intervals: None,
             tables: classified
                 .levels
@@ -70,16 +84,26 @@ impl CpuPicture {
                 .map(|l| Table::new(&l.lut))
                 .collect(),
             visible: 0,
-            next_tile: 0,
+            next_part: 0,
             frame,
             classified,
             settings,
         }
     }
 
-    /// Are all tiles drawn?
+    /// Are all parts drawn?
     pub fn is_done(&self) -> bool {
-        self.next_tile >= self.tiles()
+        self.anti_aliasing.is_none() && self.next_part >= self.parts()
+    }
+
+    /// Rays that each pixel of the next parts gets.
+    pub fn rays_per_pixel(&self) -> usize {
+        self.set.places.len()
+    }
+
+    /// Rays so far.
+    pub fn rays(&self) -> u64 {
+        self.rays
     }
 
     /// Samples so far.
@@ -87,7 +111,7 @@ impl CpuPicture {
         self.counts
     }
 
-    /// Bricks of the levels in use that may be visible by the index; 0 before the first tile is drawn.
+    /// Bricks of the levels in use that may be visible by the index; 0 before the first part is drawn.
     pub fn visible(&self) -> u64 {
         self.visible
     }
@@ -102,17 +126,38 @@ impl CpuPicture {
         &self.frame
     }
 
-    /// The picture, premultiplied, before the background; nothing where tiles are missing.
+    /// The picture, premultiplied, before the background; nothing where parts are missing.
     pub fn into_image(self) -> Image {
         self.image
     }
 
-    fn tiles_across(&self) -> u32 {
-        self.frame.size[0].div_ceil(TILE)
+    /// How many parts its rays are cast in.
+    fn parts(&self) -> u32 {
+        match &self.set.pixels {
+            Some(list) => list.len().div_ceil(LISTED) as u32,
+            None => self.frame.size.map(|n| n.div_ceil(TILE)).iter().product(),
+        }
     }
 
-    fn tiles(&self) -> u32 {
-        self.tiles_across() * self.frame.size[1].div_ceil(TILE)
+    /// Takes over what the next parts have become.
+    fn take(&mut self, parts: Vec<Drawn>) {
+        let size = self.frame.size;
+        for drawn in parts {
+            let part = Part::new(&self.set, size, self.next_part);
+            for (n, color) in drawn.colors.iter().enumerate() {
+                let [x, y] = part.pixel(n);
+                self.image.pixels[y as usize * size[0] as usize + x as usize] = *color;
+            }
+            self.counts += drawn.counts;
+            self.rays += (drawn.colors.len() * self.set.places.len()) as u64;
+            self.next_part += 1;
+        }
+        if self.next_part == self.parts()
+            && let Some(how) = self.anti_aliasing.take()
+            && let Some(set) = RaySet::second(how, &self.image)
+        {
+            (self.set, self.next_part) = (set, 0);
+        }
     }
 }
 
@@ -153,12 +198,12 @@ impl CpuRenderer {
         }
     }
 
-    /// Draws up to `tiles` more tiles of `picture` on all threads of the current rayon pool.
+    /// Draws up to `parts` more parts of `picture` on all threads of the current rayon pool.
     ///
     /// # Errors
-    /// A brick, or the index of a level, can't be read; the tiles are not drawn then.
-    pub fn draw(&mut self, picture: &mut CpuPicture, tiles: u32) -> Result<(), StoreError> {
-        let last = picture.next_tile.saturating_add(tiles).min(picture.tiles());
+    /// A brick, or the index of a level, can't be read; the parts are not drawn then.
+    pub fn draw(&mut self, picture: &mut CpuPicture, parts: u32) -> Result<(), StoreError> {
+        let last = picture.next_part.saturating_add(parts).min(picture.parts());
         let (instructions, stored_type) = (self.instructions, self.cache.store().stored_type());
         let levels = self.levels(picture)?;
         if picture.intervals.is_none() {
@@ -170,47 +215,30 @@ impl CpuRenderer {
             );
         }
         let scene = scene_of(picture);
-        let [width, height] = picture.frame.size;
-        let across = picture.tiles_across();
         let threads = rayon::current_num_threads();
-        let drawn: Result<Vec<Tile>, StoreError> = (picture.next_tile..last)
+        let drawn: Result<Vec<Drawn>, StoreError> = (picture.next_part..last)
             .into_par_iter()
             .map_init(
                 || {
                     let near = levels.iter().map(|level| level.near(threads));
                     near.collect::<Vec<_>>()
                 },
-                |near, tile| {
-                    let [x, y] = [tile % across * TILE, tile / across * TILE];
-                    let mut tile = Tile {
-                        origin: [x, y],
-                        size: [TILE.min(width - x), TILE.min(height - y)],
-                        pixels: Vec::new(),
-                        counts: RayCounts::default(),
-                    };
-                    with_voxel_kind!(stored_type, K => instructions.run(DrawTile {
+                |near, number| {
+                    let drawn = with_voxel_kind!(stored_type, K => instructions.run(DrawPart {
                         scene: &scene,
                         near,
-                        tile: &mut tile,
+                        part: Part::new(&picture.set, picture.frame.size, number),
+                        places: &picture.set.places,
                         kind: std::marker::PhantomData::<K>,
                     }));
                     match near.iter_mut().find_map(|n| n.error.take()) {
                         Some(error) => Err(error),
-                        None => Ok(tile),
+                        None => Ok(drawn),
                     }
                 },
             )
             .collect();
-        for tile in drawn? {
-            picture.counts += tile.counts;
-            let [w, h] = tile.size.map(|n| n as usize);
-            let [x, y] = tile.origin.map(|n| n as usize);
-            for (row, pixels) in tile.pixels.chunks_exact(w).take(h).enumerate() {
-                let at = (y + row) * width as usize + x;
-                picture.image.pixels[at..at + w].copy_from_slice(pixels);
-            }
-        }
-        picture.next_tile = last;
+        picture.take(drawn?);
         Ok(())
     }
 
@@ -271,48 +299,145 @@ fn scene_of(picture: &CpuPicture) -> Scene<'_> {
     }
 }
 
-/// Pixels of a part of the picture.
-struct Tile {
-    origin: [u32; 2],
-    size: [u32; 2],
-    pixels: Vec<Vec4>,
+/// Pixels that are drawn together.
+#[derive(Clone, Copy)]
+enum Part<'s> {
+    Tile { origin: [u32; 2], size: [u32; 2] },
+    List(&'s [[u32; 2]]),
+}
+
+impl<'s> Part<'s> {
+    /// Part number `number` of a set of rays in a picture of `size` pixels.
+    fn new(set: &'s RaySet, [width, height]: [u32; 2], number: u32) -> Self {
+        if let Some(list) = &set.pixels {
+            let from = number as usize * LISTED;
+            return Self::List(&list[from..list.len().min(from + LISTED)]);
+        }
+        let across = width.div_ceil(TILE);
+        let [x, y] = [number % across * TILE, number / across * TILE];
+        Self::Tile {
+            origin: [x, y],
+            size: [TILE.min(width - x), TILE.min(height - y)],
+        }
+    }
+
+    fn len(&self) -> usize {
+        match self {
+            Self::Tile { size: [w, h], .. } => (w * h) as usize,
+            Self::List(list) => list.len(),
+        }
+    }
+
+    /// Its `n`-th pixel, in the picture.
+    fn pixel(&self, n: usize) -> [u32; 2] {
+        match self {
+            Self::Tile { origin, size } => {
+                let n = n as u32;
+                [origin[0] + n % size[0], origin[1] + n / size[0]]
+            }
+            Self::List(list) => list[n],
+        }
+    }
+
+    fn packets<L: Lanes>(&self) -> usize {
+        let [across, down] = L::SHAPE;
+        match self {
+            Self::Tile { size: [w, h], .. } => (w.div_ceil(across) * h.div_ceil(down)) as usize,
+            Self::List(list) => list.len().div_ceil(L::WIDTH),
+        }
+    }
+
+    /// Packet number `packet`, with rays through `place` of their pixels.
+    #[inline(always)]
+    fn packet<L: Lanes>(
+        &self,
+        l: L,
+        frame: &RayFrame,
+        packet: usize,
+        place: [f32; 2],
+    ) -> Packet<L> {
+        match self {
+            Self::Tile { origin, size } => {
+                let [x, y] = first_of_packet::<L>(size[0], packet);
+                Packet::block(l, frame.size, [origin[0] + x, origin[1] + y], place)
+            }
+            Self::List(list) => {
+                let from = packet * L::WIDTH;
+                let to = list.len().min(from + L::WIDTH);
+                Packet::listed(l, frame.size, &list[from..to], place)
+            }
+        }
+    }
+
+    /// Which of its pixels a lane of a packet is; `None` outside.
+    #[inline(always)]
+    fn number<L: Lanes>(&self, packet: usize, lane: usize) -> Option<usize> {
+        match self {
+            Self::Tile { size: [w, h], .. } => {
+                let [x, y] = first_of_packet::<L>(*w, packet);
+                let (x, y) = (x + lane as u32 % L::SHAPE[0], y + lane as u32 / L::SHAPE[0]);
+                (x < *w && y < *h).then_some((y * w + x) as usize)
+            }
+            Self::List(list) => {
+                let number = packet * L::WIDTH + lane;
+                (number < list.len()).then_some(number)
+            }
+        }
+    }
+}
+
+/// The first pixel of a packet of a tile `width` pixels wide.
+#[inline(always)]
+fn first_of_packet<L: Lanes>(width: u32, packet: usize) -> [u32; 2] {
+    let [across, down] = L::SHAPE;
+    let in_row = width.div_ceil(across);
+    let packet = packet as u32;
+    [packet % in_row * across, packet / in_row * down]
+}
+
+/// What a part has become.
+struct Drawn {
+    /// In the order of its pixels.
+    colors: Vec<Vec4>,
     counts: RayCounts,
 }
 
-/// Draws a tile, packet by packet.
-struct DrawTile<'t, 's, 'a, K> {
+/// Draws a part, packet by packet, ray by ray of its pixels.
+struct DrawPart<'t, 's, 'a, K> {
     scene: &'t Scene<'s>,
     near: &'t mut [NearBricks<'a>],
-    tile: &'t mut Tile,
+    part: Part<'t>,
+    places: &'t [[f32; 2]],
     kind: std::marker::PhantomData<K>,
 }
 
-impl<K: VoxelKind> Kernel for DrawTile<'_, '_, '_, K> {
-    type Output = ();
+impl<K: VoxelKind> Kernel for DrawPart<'_, '_, '_, K> {
+    type Output = Drawn;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) {
-        let [across, down] = L::SHAPE;
-        let [width, height] = self.tile.size;
-        let mut pixels = vec![Vec4::ZERO; (width * height) as usize];
+    fn run<L: Lanes>(self, l: L) -> Drawn {
+        let (part, frame) = (self.part, self.scene.frame);
+        let mut drawn = Drawn {
+            colors: vec![Vec4::ZERO; part.len()],
+            counts: RayCounts::default(),
+        };
         let mut fields = Vec::with_capacity(self.near.len());
-        for (near, level) in self.near.iter_mut().zip(self.scene.frame.used()) {
+        for (near, level) in self.near.iter_mut().zip(frame.used()) {
             fields.push(Field::new(l, near, level, self.scene.interpolation));
         }
-        for y in (0..height).step_by(down as usize) {
-            for x in (0..width).step_by(across as usize) {
-                let at = [self.tile.origin[0] + x, self.tile.origin[1] + y];
+        for packet in 0..part.packets::<L>() {
+            for (number, &place) in self.places.iter().enumerate() {
+                let rays = part.packet(l, frame, packet, place);
                 let colors: Colors =
-                    cast::<L, K>(l, self.scene, &mut fields, at, &mut self.tile.counts);
-                for lane in 0..L::WIDTH as u32 {
-                    let (px, py) = (x + lane % across, y + lane / across);
-                    if px < width && py < height {
-                        pixels[(py * width + px) as usize] =
-                            Vec4::from_array(colors.map(|c| c[lane as usize]));
+                    cast::<L, K>(l, self.scene, &mut fields, rays, &mut drawn.counts);
+                for lane in 0..L::WIDTH {
+                    if let Some(n) = part.number::<L>(packet, lane) {
+                        let color = Vec4::from_array(colors.map(|c| c[lane]));
+                        add_ray(&mut drawn.colors[n], color, number, self.places.len());
                     }
                 }
             }
         }
-        self.tile.pixels = pixels;
+        drawn
     }
 }

@@ -40,36 +40,71 @@ macro_rules! axes {
 }
 pub(super) use axes;
 
-/// Pixels side by side.
+/// A ray per lane, of pixels near each other.
 #[derive(Clone, Copy)]
 pub(super) struct Packet<L: Lanes> {
-    /// Image-plane coordinates of the pixels' centres.
+    /// Image-plane coordinates of the rays.
     u: L::F,
     v: L::F,
     /// Those inside the picture.
     pub(super) inside: L::M,
+    /// Pixels that stand for all of them where something is known by cell: the first so many.
+    cells_of: [[u32; 2]; MAX_LANES],
+    cells: usize,
 }
 
 impl<L: Lanes> Packet<L> {
-    /// The packet whose first pixel is `(x, y)`.
+    /// A block of neighbours, of which `(x, y)` is the first; `place`: where in its pixel each ray passes. Blocks are not
+    /// larger than cells.
     #[inline(always)]
-    pub(super) fn new(l: L, size: [u32; 2], x: u32, y: u32) -> Self {
+    pub(super) fn block(l: L, size: [u32; 2], [x, y]: [u32; 2], place: [f32; 2]) -> Self {
         let [across, _] = L::SHAPE;
-        let mut at = [[0.0; MAX_LANES]; 2];
+        let mut pixels = [[x, y]; MAX_LANES];
         let mut bits = 0;
         for lane in 0..L::WIDTH as u32 {
-            let (px, py) = (x + lane % across, y + lane / across);
-            at[0][lane as usize] = px as f32;
-            at[1][lane as usize] = py as f32;
+            let [px, py] = [x + lane % across, y + lane / across];
+            pixels[lane as usize] = [px, py];
             bits |= u32::from(px < size[0] && py < size[1]) << lane;
         }
-        let half = l.f(0.5);
+        Self::new(l, size, pixels, place, (bits, 1))
+    }
+
+    /// Pixels of the picture from a list: at least one, at most one per lane.
+    #[inline(always)]
+    pub(super) fn listed(l: L, size: [u32; 2], list: &[[u32; 2]], place: [f32; 2]) -> Self {
+        let mut pixels = [list[0]; MAX_LANES];
+        pixels[..list.len()].copy_from_slice(list);
+        let bits = ((1_u64 << list.len()) - 1) as u32;
+        Self::new(l, size, pixels, place, (bits, list.len()))
+    }
+
+    #[inline(always)]
+    fn new(
+        l: L,
+        size: [u32; 2],
+        pixels: [[u32; 2]; MAX_LANES],
+        place: [f32; 2],
+        (inside, cells): (u32, usize),
+    ) -> Self {
+        let mut at = [[0.0; MAX_LANES]; 2];
+        for lane in 0..L::WIDTH {
+            at[0][lane] = pixels[lane][0] as f32;
+            at[1][lane] = pixels[lane][1] as f32;
+        }
         let one = l.f(1.0);
         Self {
-            u: (l.load_f(&at[0]) + half) * l.f(2.0 / size[0] as f32) - one,
-            v: one - (l.load_f(&at[1]) + half) * l.f(2.0 / size[1] as f32),
-            inside: l.mask(bits),
+            u: (l.load_f(&at[0]) + l.f(place[0])) * l.f(2.0 / size[0] as f32) - one,
+            v: one - (l.load_f(&at[1]) + l.f(place[1])) * l.f(2.0 / size[1] as f32),
+            inside: l.mask(inside),
+            cells_of: pixels,
+            cells,
         }
+    }
+
+    /// Pixels in all cells in which the packet has rays.
+    #[inline(always)]
+    pub(super) fn cells(&self) -> &[[u32; 2]] {
+        &self.cells_of[..self.cells]
     }
 
     /// A quantity that is linear over the picture.

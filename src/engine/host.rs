@@ -17,9 +17,9 @@ use crate::reference;
 use crate::scene::{Image, PictureSettings, PictureStats};
 use crate::store::Store;
 
-/// Tiles that are in memory beside the picture at most: 16 MiB.
+/// Tiles, or other parts, that are in memory beside the picture at most: 16 MiB.
 const TILES_AT_ONCE: u32 = 1024;
-/// Tiles per thread that a tick draws before it looks at the clock.
+/// Tiles per thread that a tick draws before it looks at the clock, with one ray per pixel.
 const TILES_PER_THREAD: u32 = 4;
 
 /// A store and the renderer that draws it on the CPU.
@@ -199,12 +199,13 @@ impl HostDevice {
         let Some(picture) = pending.last_mut() else {
             return Ok(None);
         };
-        let tiles = TILES_PER_THREAD * rayon::current_num_threads() as u32;
+        let threads = rayon::current_num_threads() as u32;
         while !picture.is_done() {
             if begun.elapsed() >= budget.time {
                 return Ok(None);
             }
-            renderer.draw(picture, tiles)?;
+            let tiles = TILES_PER_THREAD.div_ceil(picture.rays_per_pixel() as u32);
+            renderer.draw(picture, tiles * threads)?;
         }
         let mut stats = stats_of(picture, live.before, renderer.traffic());
         stats.first_complete_ms = live.stats.first_complete_ms;
@@ -321,10 +322,9 @@ fn plan(store: &Store, settings: &PictureSettings) -> Result<Vec<CpuPicture>, En
 
 fn stats_of(picture: &CpuPicture, before: CpuTraffic, after: CpuTraffic) -> PictureStats {
     let counts = picture.counts();
-    let [width, height] = picture.frame().size;
     PictureStats {
         device: "cpu".into(),
-        rays: u64::from(width) * u64::from(height),
+        rays: picture.rays(),
         samples: counts.samples,
         samples_skipped: counts.skipped,
         samples_contributing: Some(counts.contributing),
@@ -352,6 +352,7 @@ fn draw_reference(
     let drawn = reference::render(&fields, &rays, &classified, settings)?;
     let stats = PictureStats {
         device: "cpu".into(),
+        rays: drawn.rays,
         samples: drawn.counts.samples,
         samples_skipped: drawn.counts.skipped,
         samples_contributing: Some(drawn.counts.contributing),

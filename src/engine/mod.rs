@@ -26,8 +26,8 @@ pub use picture::Picture;
 pub use tick::{TickBudget, TickEvent, TickReport};
 
 use crate::scene::{
-    AntiAliasing, Classified, GradientFilter, GridParams, IsoSurface, Jitter, Mode,
-    PictureSettings, RayFrame, SceneError, Technique,
+    Classified, GradientFilter, GridParams, IsoSurface, Jitter, Mode, PictureSettings, RayFrame,
+    SceneError, Technique,
 };
 use crate::store::{Store, StoreMeta};
 use host::HostDevice;
@@ -167,7 +167,6 @@ impl Engine {
         stats.converged = true;
         stats.converged_ms = Some(wall_ms);
         stats.first_complete_ms = Some(wall_ms);
-        stats.rays = u64::from(settings.size[0]) * u64::from(settings.size[1]);
         Ok(picture)
     }
 }
@@ -246,8 +245,6 @@ fn refuse_unbuilt(settings: &PictureSettings) -> Result<(), EngineError> {
         "filtered gradients"
     } else if !matches!(settings.technique, Technique::Default | Technique::Basic) {
         settings.technique.name()
-    } else if settings.anti_aliasing != AntiAliasing::Off {
-        "super-sampling"
     } else {
         return Ok(());
     };

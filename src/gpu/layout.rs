@@ -57,7 +57,8 @@ shared! {
         world_dir: [[f32; 4]; 3],
         to_light: [f32; 4],
         material: [f32; 4],
-        iso_color: [f32; 4],
+        surface_colors: [[f32; 4]; MAX_SURFACES as usize],
+        surface_values: [[f32; 4]; MAX_SURFACES_4 as usize],
         clip_from_offset: [[f32; 4]; 4],
         mesh_anchor: [i32; 4],
         atlas_slots: [u32; 4],
@@ -66,19 +67,25 @@ shared! {
         tile_origin: [u32; 2],
         tile_size: [u32; 2],
         part_size: [u32; 2],
+        place_in_pixel: [f32; 2],
         last_index: u32,
         first_mm: f32,
+        step_mm: f32,
         near_mm: f32,
         opacity_cutoff: f32,
         depth_scale: f32,
         depth_bias: f32,
         slack_mm: f32,
-        iso: f32,
         lut_scale: f32,
         lut_lo: f32,
         lut_last: f32,
         value_scale: f32,
         value_floor: f32,
+        value_ceiling: f32,
+        gradient_scale: f32,
+        preintegrated_lo: f32,
+        preintegrated_scale: f32,
+        preintegrated_last: f32,
         empty_below: f32,
         empty_above: f32,
         used_levels: u32,
@@ -87,9 +94,10 @@ shared! {
         stamps_at: u32,
         bits_at: u32,
         orders_at: u32,
-        maximum_scale: f32,
+        extreme_scale: f32,
         pad2: u32,
         pad3: u32,
+        pad4: u32,
         levels: [LevelUniforms; MAX_LEVELS as usize],
     }
 }
@@ -110,8 +118,8 @@ shared! {
     RayState as RAY_STATE {
         next: i32,
         flags: u32,
-        extreme: f32,
-        pad: u32,
+        value: f32,
+        count: u32,
     }
 }
 
@@ -143,6 +151,10 @@ macro_rules! constants {
 constants! {
     /// Most levels of a volume: 2²⁴ voxels along an axis.
     MAX_LEVELS = 20;
+    /// Most surfaces of a picture.
+    MAX_SURFACES = 8;
+    /// Vectors of four that hold a number for each.
+    MAX_SURFACES_4 = 2;
     /// Place of the tag bits in an indirection word.
     TAG_SHIFT = 30;
     /// The other bits.
@@ -167,8 +179,10 @@ constants! {
     RAY_FINISHED = 1 << 31;
     /// The ray ended before the volume did; the rest is not skipped, but behind something.
     RAY_ENDED = 1 << 8;
-    /// The last sample lies above the iso-value.
-    RAY_ABOVE = 1 << 9;
+    /// Place of the bits that hold on the upper sides of how many surfaces the last sample lies.
+    RAY_ZONE_SHIFT = 12;
+    /// Those bits, moved down.
+    RAY_ZONE_MASK = 15;
     /// There was a sample right before `next`.
     RAY_HAS_BEFORE = 1 << 10;
     /// The ray meets the volume.
@@ -195,8 +209,10 @@ constants! {
     FEEDBACK_LEVELS = 1;
     /// Word of the host's orders: 1 for mesh interval, brick and block skipping, else 0.
     FEEDBACK_SKIP = 2;
+    /// Word of the host's orders: 1 where work-groups are parts of the list of pixels, 0 where they are of the tile.
+    FEEDBACK_PIXELS = 3;
     /// Words of the host's orders: the list of work-groups.
-    FEEDBACK_GROUPS = 3;
+    FEEDBACK_GROUPS = 4;
     /// Words of the feedback up to here are of one dispatch.
     FEEDBACK_HEAD = FEEDBACK_LIST + FEEDBACK_LIST_MAX;
     /// Most work-groups of a tile.

@@ -34,7 +34,7 @@ impl Part {
 }
 
 macro_rules! part {
-    ($path:literal) => {
+    ($path:expr) => {
         Part {
             path: concat!("shaders/", $path),
             text: include_str!(concat!("../../shaders/", $path)),
@@ -64,6 +64,7 @@ const INTERVAL: Part = part!("lib/interval.wgsl");
 const WALK: Part = part!("lib/walk.wgsl");
 const FEEDBACK: Part = part!("lib/feedback.wgsl");
 const RAYCAST: Part = part!("pass/raycast.wgsl");
+const GRADIENT: Part = part!("lib/gradient.wgsl");
 const BARE_EXACT: Part = part!("lib/bare_exact.wgsl");
 const BARE: Part = part!("pass/bare.wgsl");
 
@@ -73,67 +74,87 @@ pub const BOUNDS: ShaderSource = ShaderSource {
     parts: &[TYPES, FRAME, part!("pass/bounds.wgsl")],
 };
 
-/// The caster on a filterable atlas.
-pub const RAYCAST_FILTERED: ShaderSource = ShaderSource {
-    name: "raycast_filtered",
-    parts: &[
-        TYPES,
-        FRAME,
-        VOLUME,
-        part!("bind/atlas_filtered.wgsl"),
-        RAY,
-        BRICK,
-        SAMPLE,
-        CLASSIFY,
-        SHADE,
-        INTERVAL,
-        WALK,
-        FEEDBACK,
-        RAYCAST,
-    ],
-};
+/// Which part reads the atlas.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum AtlasPart {
+    /// Through the hardware's linear filter.
+    Filtered,
+    /// Interpolation by hand, of floats.
+    Float,
+    /// Interpolation by hand, of integers.
+    Uint,
+}
 
-/// The caster with interpolation by hand, on float and normalised formats.
-pub const RAYCAST_FLOAT: ShaderSource = ShaderSource {
-    name: "raycast_float",
-    parts: &[
-        TYPES,
-        FRAME,
-        VOLUME,
-        part!("bind/atlas_float.wgsl"),
-        EXACT,
-        RAY,
-        BRICK,
-        SAMPLE,
-        CLASSIFY,
-        SHADE,
-        INTERVAL,
-        WALK,
-        FEEDBACK,
-        RAYCAST,
-    ],
-};
+/// Which part tells what a sample does to its ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ModePart {
+    /// Every sample is classified and composited.
+    Post,
+    /// Every segment is, by a table of integrals.
+    Preintegrated,
+    /// Every sample is, by the strength of its gradient.
+    Gradient,
+    /// Surfaces of values.
+    Surfaces,
+    /// The greatest or the least value is classified.
+    Extreme,
+    /// The mean is.
+    Mean,
+}
 
-/// The caster with interpolation by hand, on `R16Uint`.
-pub const RAYCAST_UINT: ShaderSource = ShaderSource {
-    name: "raycast_uint",
-    parts: &[
-        TYPES,
-        FRAME,
-        VOLUME,
-        part!("bind/atlas_uint.wgsl"),
-        EXACT,
-        RAY,
-        BRICK,
-        SAMPLE,
-        CLASSIFY,
-        SHADE,
-        INTERVAL,
-        WALK,
-        FEEDBACK,
-        RAYCAST,
-    ],
-};
+/// The casters: one for each part that reads the atlas and each that tells the mode.
+macro_rules! casters {
+    ($(#[$meta:meta])* $name:ident, $word:literal, $pass:expr; $($mode:ident $file:literal [$($part:expr),*];)*) => {
+        $(#[$meta])*
+        pub const $name: &[(ModePart, AtlasPart, ShaderSource)] = &[$(
+            (ModePart::$mode, AtlasPart::Filtered, ShaderSource {
+                name: concat!($word, "_", $file, "_filtered"),
+                parts: &[
+                    TYPES, FRAME, VOLUME, part!("bind/atlas_filtered.wgsl"), RAY, BRICK, SAMPLE,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                ],
+            }),
+            (ModePart::$mode, AtlasPart::Float, ShaderSource {
+                name: concat!($word, "_", $file, "_float"),
+                parts: &[
+                    TYPES, FRAME, VOLUME, part!("bind/atlas_float.wgsl"), EXACT, RAY, BRICK, SAMPLE,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                ],
+            }),
+            (ModePart::$mode, AtlasPart::Uint, ShaderSource {
+                name: concat!($word, "_", $file, "_uint"),
+                parts: &[
+                    TYPES, FRAME, VOLUME, part!("bind/atlas_uint.wgsl"), EXACT, RAY, BRICK, SAMPLE,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                ],
+            }),
+        )*];
+    };
+}
+
+casters! {
+    /// The caster of every technique in which each ray walks by itself.
+    RAYCASTERS, "raycast", RAYCAST;
+    Post "post" [CLASSIFY, GRADIENT, SHADE];
+    Preintegrated "preintegrated" [GRADIENT, SHADE];
+    Gradient "gradient" [CLASSIFY, GRADIENT, SHADE];
+    Surfaces "surfaces" [GRADIENT, SHADE];
+    Extreme "extreme" [CLASSIFY];
+    Mean "mean" [CLASSIFY];
+}
+
+/// The one of `casters` with these parts.
+pub fn caster(
+    casters: &[(ModePart, AtlasPart, ShaderSource)],
+    mode: ModePart,
+    atlas: AtlasPart,
+) -> ShaderSource {
+    casters
+        .iter()
+        .find(|c| (c.0, c.1) == (mode, atlas))
+        .expect("invariant: every mode is listed for every atlas")
+        .2
+}
 
 /// The bare caster on a dense, filterable texture.
 pub const BARE_FILTERED: ShaderSource = ShaderSource {
@@ -185,16 +206,14 @@ pub const BARE_UINT: ShaderSource = ShaderSource {
     ],
 };
 
+/// The shaders that are not casters.
+pub const OTHERS: &[ShaderSource] = &[BOUNDS, BARE_FILTERED, BARE_FLOAT, BARE_UINT];
+
 /// Every shader, for the tests.
-pub const ALL: &[ShaderSource] = &[
-    BOUNDS,
-    RAYCAST_FILTERED,
-    RAYCAST_FLOAT,
-    RAYCAST_UINT,
-    BARE_FILTERED,
-    BARE_FLOAT,
-    BARE_UINT,
-];
+pub fn all() -> Vec<ShaderSource> {
+    let casters = RAYCASTERS.iter().map(|c| c.2);
+    OTHERS.iter().copied().chain(casters).collect()
+}
 
 /// An assembled shader and where its lines come from.
 #[derive(Debug)]

@@ -8,7 +8,9 @@ use rayon::prelude::*;
 
 use super::field::VoxelField;
 use super::modes::Caster;
-use crate::scene::{Classified, Image, LevelFrame, PictureSettings, RayCounts, RayFrame};
+use crate::scene::{
+    Classified, Image, LevelFrame, PictureSettings, RayCounts, RayFrame, RaySet, add_ray,
+};
 use crate::store::StoreError;
 
 /// A picture and what it took.
@@ -16,14 +18,19 @@ use crate::store::StoreError;
 pub struct ReferencePicture {
     /// Premultiplied, before the background.
     pub image: Image,
+    /// Rays cast.
+    pub rays: u64,
     /// Samples, summed over rays.
     pub counts: RayCounts,
     /// Bricks decoded.
     pub bricks_read: u64,
 }
 
-/// Draws the picture of `frame` on all threads of the current rayon pool. `fields` are of the levels that it samples,
-/// finest first.
+/// Pixels that a thread draws at once.
+const AT_ONCE: usize = 256;
+
+/// Draws the picture of `frame`, with as many rays per pixel as `settings` ask for, on all threads of the current rayon
+/// pool. `fields` are of the levels that it samples, finest first.
 ///
 /// # Errors
 /// A brick can't be read.
@@ -33,45 +40,81 @@ pub fn render(
     classified: &Classified,
     settings: &PictureSettings,
 ) -> Result<ReferencePicture, StoreError> {
-    let [width, height] = frame.size;
-    let rows: Result<Vec<(Vec<Vec4>, RayCounts)>, StoreError> = (0..height)
+    let mut picture = ReferencePicture {
+        image: Image::clear(frame.size),
+        rays: 0,
+        counts: RayCounts::default(),
+        bricks_read: 0,
+    };
+    let first = RaySet::first(settings.anti_aliasing);
+    add_rays(&mut picture, &first, fields, frame, classified, settings)?;
+    if let Some(second) = RaySet::second(settings.anti_aliasing, &picture.image) {
+        add_rays(&mut picture, &second, fields, frame, classified, settings)?;
+    }
+    picture.bricks_read = fields
+        .iter()
+        .map(|f| f.bricks_read.load(Ordering::Relaxed))
+        .sum();
+    Ok(picture)
+}
+
+/// Draws the pixels of a set of rays.
+fn add_rays(
+    picture: &mut ReferencePicture,
+    set: &RaySet,
+    fields: &[VoxelField<'_>],
+    frame: &RayFrame,
+    classified: &Classified,
+    settings: &PictureSettings,
+) -> Result<(), StoreError> {
+    let width = frame.size[0] as usize;
+    let pixel = |n: usize| match &set.pixels {
+        Some(list) => list[n],
+        None => [(n % width) as u32, (n / width) as u32],
+    };
+    let frames: Vec<RayFrame> = set
+        .places
+        .iter()
+        .map(|&place_in_pixel| RayFrame {
+            place_in_pixel,
+            ..frame.clone()
+        })
+        .collect();
+    let count = set.pixel_count(frame.size) as usize;
+    let parts: Result<Vec<(Vec<Vec4>, RayCounts)>, StoreError> = (0..count.div_ceil(AT_ONCE))
         .into_par_iter()
         .map_init(
             || fields.iter().map(VoxelField::reader).collect::<Vec<_>>(),
-            |readers, y| {
-                let mut row = Vec::with_capacity(width as usize);
+            |readers, part| {
+                let numbers = part * AT_ONCE..count.min((part + 1) * AT_ONCE);
+                let mut colors = Vec::with_capacity(numbers.len());
                 let mut counts = RayCounts::default();
-                for x in 0..width {
-                    let mut caster = Caster::new(readers, settings, classified);
-                    cast(&mut caster, frame, settings, x, y);
-                    row.push(caster.finish());
-                    counts += caster.counts;
+                for [x, y] in numbers.map(pixel) {
+                    let mut color = Vec4::ZERO;
+                    for (number, frame) in frames.iter().enumerate() {
+                        let mut caster = Caster::new(readers, settings, classified);
+                        cast(&mut caster, frame, settings, x, y);
+                        add_ray(&mut color, caster.finish(), number, frames.len());
+                        counts += caster.counts;
+                    }
+                    colors.push(color);
                 }
                 match readers.iter_mut().find_map(|r| r.error.take()) {
                     Some(error) => Err(error),
-                    None => Ok((row, counts)),
+                    None => Ok((colors, counts)),
                 }
             },
         )
         .collect();
-    let mut image = Image {
-        width,
-        height,
-        pixels: Vec::with_capacity(width as usize * height as usize),
-    };
-    let mut counts = RayCounts::default();
-    for (row, row_counts) in rows? {
-        image.pixels.extend(row);
-        counts += row_counts;
+    let mut numbers = 0..count;
+    for (colors, counts) in parts? {
+        picture.counts += counts;
+        for (color, [x, y]) in colors.into_iter().zip(numbers.by_ref().map(pixel)) {
+            picture.image.pixels[y as usize * width + x as usize] = color;
+        }
     }
-    Ok(ReferencePicture {
-        image,
-        counts,
-        bricks_read: fields
-            .iter()
-            .map(|f| f.bricks_read.load(Ordering::Relaxed))
-            .sum(),
-    })
+    picture.rays += count as u64 * set.places.len() as u64;
+    Ok(())
 }
 
 /// Takes the samples of the ray of pixel (x, y), as many as its mode wants.

@@ -6,7 +6,7 @@ use wgpu::{
     TextureSampleType, TextureViewDimension,
 };
 
-use crate::gpu::shader::{self, ShaderSource};
+use crate::gpu::shader::{self, AtlasPart, ShaderSource};
 
 /// The entries of one bind group's layout.
 pub type Entries = &'static [BindGroupLayoutEntry];
@@ -59,7 +59,7 @@ const PAGE_TABLE: BindGroupLayoutEntry = compute(2, volume(TextureSampleType::Ui
 const CONSTANTS: BindGroupLayoutEntry = compute(3, READ);
 const ACTIVITY: BindGroupLayoutEntry = compute(4, READ);
 const OCCUPANCY: BindGroupLayoutEntry = compute(5, READ);
-const MAXIMA: BindGroupLayoutEntry = compute(9, READ);
+const EXTREMES: BindGroupLayoutEntry = compute(9, READ);
 
 /// Entries of group 1: the first atlas texture, its sampler, the tables, the other atlas textures.
 macro_rules! volume_entries {
@@ -74,7 +74,7 @@ macro_rules! volume_entries {
             compute(6, $texture),
             compute(7, $texture),
             compute(8, $texture),
-            MAXIMA,
+            EXTREMES,
         ]
     };
 }
@@ -91,6 +91,13 @@ pub const FRAME: Entries = &[
         texture(
             TextureSampleType::Float { filterable: false },
             TextureViewDimension::D2,
+        ),
+    ),
+    compute(
+        2,
+        texture(
+            TextureSampleType::Float { filterable: false },
+            TextureViewDimension::D2Array,
         ),
     ),
 ];
@@ -123,18 +130,36 @@ pub const RAYCAST: Entries = &[
     compute(5, WRITE),
     compute(6, WRITE),
     compute(7, BindingType::Sampler(SamplerBindingType::NonFiltering)),
+    compute(
+        8,
+        texture(TextureSampleType::Uint, TextureViewDimension::D2),
+    ),
 ];
 
 /// Group 2 of the bare caster: `pass/bare.wgsl`.
 pub const BARE: Entries = &[compute(0, WRITE), compute(1, WRITE)];
 
+/// Group 1 with the part that reads the atlas.
+pub const fn volume_of(atlas: AtlasPart) -> Entries {
+    match atlas {
+        AtlasPart::Filtered => VOLUME_FILTERED,
+        AtlasPart::Float => VOLUME_FLOAT,
+        AtlasPart::Uint => VOLUME_UINT,
+    }
+}
+
 /// Every shader with its groups, in order.
-pub const SHADERS: &[(ShaderSource, &[Entries])] = &[
-    (shader::BOUNDS, &[FRAME]),
-    (shader::RAYCAST_FILTERED, &[FRAME, VOLUME_FILTERED, RAYCAST]),
-    (shader::RAYCAST_FLOAT, &[FRAME, VOLUME_FLOAT, RAYCAST]),
-    (shader::RAYCAST_UINT, &[FRAME, VOLUME_UINT, RAYCAST]),
-    (shader::BARE_FILTERED, &[FRAME, VOLUME_FILTERED, BARE]),
-    (shader::BARE_FLOAT, &[FRAME, VOLUME_FLOAT, BARE]),
-    (shader::BARE_UINT, &[FRAME, VOLUME_UINT, BARE]),
-];
+pub fn shaders() -> Vec<(ShaderSource, Vec<Entries>)> {
+    let casters = shader::RAYCASTERS.iter();
+    let casters = casters.map(|&(_, atlas, s)| (s, vec![FRAME, volume_of(atlas), RAYCAST]));
+    let bare = |source, atlas| (source, vec![FRAME, volume_of(atlas), BARE]);
+    [
+        (shader::BOUNDS, vec![FRAME]),
+        bare(shader::BARE_FILTERED, AtlasPart::Filtered),
+        bare(shader::BARE_FLOAT, AtlasPart::Float),
+        bare(shader::BARE_UINT, AtlasPart::Uint),
+    ]
+    .into_iter()
+    .chain(casters)
+    .collect()
+}

@@ -3,10 +3,10 @@
 use glam::{DAffine3, DMat4, DVec3, DVec4, Vec3};
 
 use crate::camera::Projection;
-use crate::classify::LUT_ENTRIES;
+use crate::classify::{LUT_ENTRIES, PreintegratedTable};
 use crate::geom::BLOCK_EDGE;
 use crate::gpu::GpuContext;
-use crate::gpu::layout::{FrameUniforms, LevelUniforms, MAX_LEVELS};
+use crate::gpu::layout::{FrameUniforms, LevelUniforms, MAX_LEVELS, MAX_SURFACES, MAX_SURFACES_4};
 use crate::scene::{Classified, LevelFrame, Mode, PictureSettings, RayFrame};
 
 use super::bindings;
@@ -55,6 +55,8 @@ const LUT_BYTES: u64 = LUT_ENTRIES as u64 * 16;
 pub(super) struct FrameBindings {
     uniforms: wgpu::Buffer,
     lut: wgpu::Texture,
+    /// A layer per level; one texel while nothing is pre-integrated.
+    preintegrated: wgpu::Texture,
     pub(super) layout: wgpu::BindGroupLayout,
     pub(super) group: wgpu::BindGroup,
 }
@@ -83,28 +85,16 @@ impl FrameBindings {
             usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         });
-        let lut_view = lut.create_view(&wgpu::TextureViewDescriptor::default());
+        let preintegrated = integrals_texture(gpu, [1, 1]);
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("frame.layout"),
             entries: bindings::FRAME,
         });
-        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("frame.group"),
-            layout: &layout,
-            entries: &[
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: uniforms.as_entire_binding(),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: wgpu::BindingResource::TextureView(&lut_view),
-                },
-            ],
-        });
+        let group = group(gpu, &layout, &uniforms, &lut, &preintegrated);
         Self {
             uniforms,
             lut,
+            preintegrated,
             layout,
             group,
         }
@@ -115,7 +105,60 @@ impl FrameBindings {
         size_of::<FrameUniforms>() as u64 + levels as u64 * LUT_BYTES
     }
 
-    pub(super) fn write_tables(&self, gpu: &GpuContext, classified: &Classified) {
+    /// Bytes of the tables of integrals that are there now.
+    pub(super) fn integrals_bytes(&self) -> u64 {
+        let size = self.preintegrated.size();
+        u64::from(size.width) * u64::from(size.height) * u64::from(size.depth_or_array_layers) * 16
+    }
+
+    /// Bytes of the tables of integrals that `classified` needs.
+    pub(super) fn integrals_bytes_for(classified: &Classified) -> u64 {
+        let [side, layers] = integrals_shape(classified).map(u64::from);
+        side * side * layers * 16
+    }
+
+    pub(super) fn write_tables(&mut self, gpu: &GpuContext, classified: &Classified) {
+        let [side, layers] = integrals_shape(classified);
+        let size = self.preintegrated.size();
+        if [size.width, size.depth_or_array_layers] != [side, layers] {
+            self.preintegrated = integrals_texture(gpu, [side, layers]);
+            self.group = group(
+                gpu,
+                &self.layout,
+                &self.uniforms,
+                &self.lut,
+                &self.preintegrated,
+            );
+        }
+        let integrals = classified
+            .levels
+            .iter()
+            .filter_map(|l| l.preintegrated.as_ref());
+        for (layer, table) in (0..).zip(integrals) {
+            gpu.queue.write_texture(
+                wgpu::TexelCopyTextureInfo {
+                    texture: &self.preintegrated,
+                    mip_level: 0,
+                    origin: wgpu::Origin3d {
+                        x: 0,
+                        y: 0,
+                        z: layer,
+                    },
+                    aspect: wgpu::TextureAspect::All,
+                },
+                bytemuck::cast_slice(table.entries()),
+                wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(side * 16),
+                    rows_per_image: None,
+                },
+                wgpu::Extent3d {
+                    width: side,
+                    height: side,
+                    depth_or_array_layers: 1,
+                },
+            );
+        }
         for (row, level) in (0..).zip(&classified.levels) {
             gpu.queue.write_texture(
                 wgpu::TexelCopyTextureInfo {
@@ -155,6 +198,66 @@ impl FrameBindings {
     }
 }
 
+/// Side and number of the tables of integrals; one texel where there are none.
+fn integrals_shape(classified: &Classified) -> [u32; 2] {
+    let table = classified
+        .levels
+        .first()
+        .and_then(|l| l.preintegrated.as_ref());
+    table.map_or([1, 1], |t| {
+        [t.side() as u32, classified.levels.len() as u32]
+    })
+}
+
+fn integrals_texture(gpu: &GpuContext, [side, layers]: [u32; 2]) -> wgpu::Texture {
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("frame.preintegrated"),
+        size: wgpu::Extent3d {
+            width: side,
+            height: side,
+            depth_or_array_layers: layers,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba32Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+fn group(
+    gpu: &GpuContext,
+    layout: &wgpu::BindGroupLayout,
+    uniforms: &wgpu::Buffer,
+    lut: &wgpu::Texture,
+    preintegrated: &wgpu::Texture,
+) -> wgpu::BindGroup {
+    let lut = lut.create_view(&wgpu::TextureViewDescriptor::default());
+    let preintegrated = preintegrated.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    });
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("frame.group"),
+        layout,
+        entries: &[
+            wgpu::BindGroupEntry {
+                binding: 0,
+                resource: uniforms.as_entire_binding(),
+            },
+            wgpu::BindGroupEntry {
+                binding: 1,
+                resource: wgpu::BindingResource::TextureView(&lut),
+            },
+            wgpu::BindGroupEntry {
+                binding: 2,
+                resource: wgpu::BindingResource::TextureView(&preintegrated),
+            },
+        ],
+    })
+}
+
 fn uniforms(
     inputs: &FrameInputs<'_>,
     volume: &Residency,
@@ -185,7 +288,7 @@ fn uniforms(
         stamps_at: places.stamps,
         bits_at: places.bits,
         orders_at: places.orders,
-        maximum_scale: volume.maximum_scale(),
+        extreme_scale: volume.extreme_scale(),
         ..of_rays
     }
 }
@@ -203,12 +306,25 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
     let [lut_lo, lut_scale] = table.index_lo_scale();
     let shading = &settings.shading;
     let light = shading.light.map(|d| (-d).normalize_or_zero().as_vec3());
-    let surface = classified.surfaces.first();
-    let iso_color = surface.map_or(Vec3::ONE, |s| s.color);
+    let mut surface_colors = [[0.0; 4]; MAX_SURFACES as usize];
+    let mut surface_values = [[0.0; 4]; MAX_SURFACES_4 as usize];
+    for (k, surface) in classified.surfaces.iter().enumerate() {
+        surface_colors[k] = surface.color.extend(surface.opacity).to_array();
+        surface_values[k / 4][k % 4] = surface.value;
+    }
+    let integrals = classified.levels[0].preintegrated.as_ref();
+    let [preintegrated_lo, preintegrated_scale] =
+        integrals.map_or([0.0; 2], PreintegratedTable::index_lo_scale);
+    // Both sides of the one iso-value; with several an empty brick is not judged by its side.
+    let [empty_below, empty_above] = if settings.mode == Mode::Iso {
+        [f32::MIN, f32::MAX]
+    } else {
+        [classified.unseen; 2]
+    };
     let mesh_level = rays.coarsest_used();
     let mut levels = [LevelUniforms::default(); MAX_LEVELS as usize];
     for (level, uniforms) in rays.levels.iter().zip(&mut levels) {
-        *uniforms = level_uniforms(level, settings.mode);
+        *uniforms = level_uniforms(level, settings.is_by_segment());
     }
     FrameUniforms {
         world_dir: rays.world_dir.map(padded),
@@ -219,23 +335,30 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
             shading.specular,
             shading.shininess,
         ],
-        iso_color: padded(iso_color),
+        surface_colors,
+        surface_values,
         mesh_anchor: mesh_level.anchor.extend(0).to_array(),
         picture_size: rays.size,
+        place_in_pixel: rays.place_in_pixel,
         last_index: rays.last_index,
         first_mm: rays.first_mm,
+        step_mm: rays.step_mm,
         near_mm: rays.near_mm,
         opacity_cutoff: settings.opacity_cutoff,
         depth_scale: depth.scale as f32,
         depth_bias: depth.bias as f32,
         slack_mm: block_diagonal_mm(mesh_level) as f32,
-        iso: surface.map_or(0.0, |s| s.value),
         lut_lo,
         lut_scale,
         lut_last: (table.entries().len() - 1) as f32,
         value_floor: classified.value_range[0],
-        empty_below: surface.map_or(classified.unseen, |_| f32::MIN),
-        empty_above: surface.map_or(classified.unseen, |_| f32::MAX),
+        value_ceiling: classified.value_range[1],
+        gradient_scale: classified.gradient_scale,
+        preintegrated_lo,
+        preintegrated_scale,
+        preintegrated_last: integrals.map_or(1.0, |t| (t.side() - 1) as f32),
+        empty_below,
+        empty_above,
         used_levels: rays.used_levels as u32,
         finest_lod: u32::from(rays.levels[0].lod.0),
         levels,
@@ -244,12 +367,9 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
 }
 
 /// A level, but for its bricks.
-fn level_uniforms(level: &LevelFrame, mode: Mode) -> LevelUniforms {
-    // A segment that ends at a switch is sampled at both ends by the finer level; only surfaces are found by segment.
-    let last = match mode {
-        Mode::Iso => level.end as i32,
-        _ => level.end as i32 - 1,
-    };
+fn level_uniforms(level: &LevelFrame, is_by_segment: bool) -> LevelUniforms {
+    // A segment that ends at a switch is sampled at both ends by the finer level.
+    let last = level.end as i32 - i32::from(!is_by_segment);
     LevelUniforms {
         level_dir: level.level_dir.map(padded),
         level_origin: level.level_origin.map(padded),
@@ -309,7 +429,8 @@ impl DepthRange {
     }
 }
 
-/// Clip space (cropped to the tile and its margin) from an offset from the anchor in voxels of the mesh's level.
+/// Clip space (cropped to the tile and its margin) from an offset from the anchor in voxels of the mesh's level. Pixel centres
+/// of the raster are where rays pass through pixels: 3×3 of them bound a ray as well at any place in its pixel.
 fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
     let level = rays.coarsest_used();
     let anchor = level.anchor.as_dvec3();
@@ -333,7 +454,10 @@ fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
     };
     let [width, height] = rays.size.map(f64::from);
     let margin = f64::from(BOUNDS_MARGIN);
-    let [x0, y0] = tile.origin.map(|o| f64::from(o) - margin);
+    let [x0, y0] = [0, 1].map(|axis| {
+        let moved = f64::from(rays.place_in_pixel[axis]) - 0.5;
+        f64::from(tile.origin[axis]) - margin + moved
+    });
     let [w, h] = tile.size.map(|s| f64::from(s) + 2.0 * margin);
     let crop = DMat4::from_translation(DVec3::new(
         (width - 2.0 * x0) / w - 1.0,

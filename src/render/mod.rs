@@ -4,15 +4,19 @@
 //! in `shaders/`; this module gives them their data. Keeps invariants 1 and 4 of design.md together with `scene` and
 //! `pager`: what must be equal to the bit is switched by uniforms in one pipeline.
 
+mod activity;
 pub mod bindings;
+mod extremes;
 mod feedback;
 mod frame;
 mod passes;
 mod renderer;
 mod residency;
 
+pub use activity::Activity;
+pub use extremes::ExtremeCodes;
 pub use feedback::{Feedback, MissedBrick, PendingFeedback};
 pub use frame::{FrameInputs, Tile};
 pub use passes::{BareCaster, DenseLevel};
-pub use renderer::{Cast, Renderer, TILE_EDGE};
-pub use residency::{Activity, AtlasPlan, MaximumCodes, Residency, SampleFilter};
+pub use renderer::{Cast, PixelList, Renderer, TILE_EDGE};
+pub use residency::{AtlasPlan, Residency, SampleFilter};

@@ -11,12 +11,12 @@ use super::passes::{BoundsPass, BoundsTargets, MeshBuffers, RaycastPass, Raycast
 use super::residency::Residency;
 use crate::geom::morton;
 use crate::gpu::layout::{
-    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_SKIP, MAX_GROUPS, PixelCounts,
-    RayState,
+    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_PIXELS, FEEDBACK_SKIP, MAX_GROUPS,
+    PixelCounts, RayState,
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
-use crate::scene::{Image, RayCounts};
+use crate::scene::{Classified, Image, RayCounts, add_ray};
 
 /// Greatest width and height of a tile, pixels: 2²⁰ rays.
 pub const TILE_EDGE: u32 = 1024;
@@ -30,13 +30,19 @@ const TIMED_PASSES: u32 = 256;
 /// Which rays a dispatch casts, and how far.
 #[derive(Clone, Copy, Debug)]
 pub struct Cast<'a> {
-    /// Work-groups of the tile.
+    /// Work-groups of the tile, or of the list that it was begun with.
     pub groups: &'a [u32],
+    /// Was the tile begun with a list of pixels?
+    pub is_listed: bool,
     /// Rays don't stop: coarser bricks stand in for missing ones.
     pub draft: bool,
     /// Samples after which a ray goes on in the next dispatch; drafts have no limit.
     pub sample_limit: u32,
 }
+
+/// The pixels of a tile that are cast, each row << 16 | column within the tile, in an order in which neighbours are near.
+/// `None`: all.
+pub type PixelList<'a> = Option<&'a [u32]>;
 
 /// The passes and the buffers that outlive a picture.
 #[derive(Debug)]
@@ -105,9 +111,15 @@ impl Renderer {
         FrameBindings::bytes_for(levels)
     }
 
+    /// Bytes of the tables of integrals of a pre-integrated picture.
+    pub fn integrals_bytes(classified: &Classified) -> u64 {
+        FrameBindings::integrals_bytes_for(classified)
+    }
+
     /// Bytes on the device: tables, tile, mesh.
     pub fn bytes(&self) -> u64 {
         Self::frame_bytes(self.levels)
+            + self.frame.integrals_bytes()
             + self
                 .targets
                 .as_ref()
@@ -130,14 +142,23 @@ impl Renderer {
         tiles
     }
 
-    /// Work-groups in a row of a tile: group g is the (g mod this)-th of its row.
-    pub fn groups_wide(tile: &Tile) -> u32 {
-        RaycastPass::group_count(tile.size).x
+    /// Sorts work-groups of a tile, or of its list, so that neighbours in the picture follow each other.
+    pub fn sort_by_place(tile: &Tile, is_listed: bool, groups: &mut [u32]) {
+        if is_listed {
+            // As the list is.
+            groups.sort_unstable();
+        } else {
+            let wide = RaycastPass::group_count(tile.size).x;
+            groups.sort_unstable_by_key(|&g| morton(UVec3::new(g % wide, g / wide, 0)));
+        }
     }
 
-    /// The work-groups of a tile, in the order of the picture.
-    pub fn groups(tile: &Tile) -> Vec<u32> {
-        let wide = Self::groups_wide(tile);
+    /// The work-groups of a tile, in the order of the picture; or those of its list.
+    pub fn groups(tile: &Tile, pixels: PixelList<'_>) -> Vec<u32> {
+        if let Some(list) = pixels {
+            return (0..RaycastPass::list_groups(list.len() as u32)).collect();
+        }
+        let wide = RaycastPass::group_count(tile.size).x;
         let part = RaycastPass::group_count(tile.part_size);
         (0..part.y)
             .flat_map(|y| (0..part.x).map(move |x| y * wide + x))
@@ -190,7 +211,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Puts every ray of a tile at its beginning, and draws the mesh that bounds them.
+    /// Puts every ray of a tile at its beginning, and draws the mesh that bounds them. With a list, only its pixels may be
+    /// cast.
     ///
     /// # Errors
     /// The device is lost.
@@ -200,6 +222,7 @@ impl Renderer {
         inputs: &FrameInputs<'_>,
         volume: &Residency,
         tile: &Tile,
+        pixels: PixelList<'_>,
     ) -> Result<(), GpuError> {
         self.read_times(gpu, 3)?;
         let targets = self
@@ -211,6 +234,9 @@ impl Renderer {
             dispatch: 0,
         };
         self.frame.write(gpu, inputs, volume, &params);
+        if let Some(list) = pixels {
+            targets.raycast.write_list(gpu, list);
+        }
         let mut encoder = encoder(gpu, "renderer.tile");
         targets.raycast.clear(&mut encoder);
         if let Some(mesh) = self.mesh.as_ref().filter(|_| inputs.skip) {
@@ -253,11 +279,11 @@ impl Renderer {
         };
         self.frame.write(gpu, inputs, volume, &params);
         let places = volume.feedback_places();
-        let groups = if gpu.caps.is_software {
-            spread(cast.groups, Self::groups_wide(tile))
-        } else {
-            cast.groups.to_vec()
-        };
+        let mut groups = cast.groups.to_vec();
+        if gpu.caps.is_software {
+            Self::sort_by_place(tile, cast.is_listed, &mut groups);
+            groups = spread(&groups);
+        }
         assert!(
             groups.len() <= MAX_GROUPS as usize,
             "invariant: a tile has at most {MAX_GROUPS} work-groups"
@@ -269,6 +295,7 @@ impl Renderer {
             cast.sample_limit
         };
         orders[FEEDBACK_SKIP as usize] = u32::from(inputs.skip);
+        orders[FEEDBACK_PIXELS as usize] = u32::from(cast.is_listed);
         orders[FEEDBACK_LEVELS as usize] = inputs.rays.levels.len() as u32;
         orders.extend(&groups);
         gpu.queue.write_buffer(
@@ -329,7 +356,7 @@ impl Renderer {
         Ok(bytemuck::pod_read_unaligned(&bytes))
     }
 
-    /// Reads a tile back into the picture.
+    /// Reads the pixels of a tile that were cast back into the picture, as ray number `ray[0]` of the `ray[1]` of each.
     ///
     /// # Errors
     /// The device is lost.
@@ -337,41 +364,54 @@ impl Renderer {
         &mut self,
         gpu: &GpuContext,
         tile: &Tile,
+        pixels: PixelList<'_>,
+        ray: [usize; 2],
         image: &mut Image,
     ) -> Result<RayCounts, GpuError> {
         let targets = self
             .targets
             .as_ref()
             .expect("invariant: the picture was begun");
-        let pixels = u64::from(tile.size[0]) * u64::from(tile.part_size[1]);
+        let in_rows = u64::from(tile.size[0]) * u64::from(tile.part_size[1]);
         let [colors, counts] = read_buffers(
             gpu,
             [
-                (&targets.raycast.picture, 0, pixels * 16),
+                (&targets.raycast.picture, 0, in_rows * 16),
                 (
                     &targets.raycast.counts,
                     0,
-                    pixels * size_of::<PixelCounts>() as u64,
+                    in_rows * size_of::<PixelCounts>() as u64,
                 ),
             ],
         )?;
         let colors: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&colors);
         let counts: Vec<PixelCounts> = bytemuck::pod_collect_to_vec(&counts);
-        let (stride, kept) = (tile.size[0] as usize, tile.part_size[0] as usize);
+        let [left, top] = tile.origin.map(|o| o as usize);
+        let (stride, width) = (tile.size[0] as usize, image.width as usize);
         let mut sums = RayCounts::default();
-        for row in 0..tile.part_size[1] as usize {
-            let from = row * stride;
-            let to =
-                (tile.origin[1] as usize + row) * image.width as usize + tile.origin[0] as usize;
-            for (pixel, color) in image.pixels[to..to + kept].iter_mut().zip(&colors[from..]) {
-                *pixel = Vec4::from_array(*color);
+        let mut take = |x: usize, y: usize| {
+            let from = y * stride + x;
+            let pixel = &mut image.pixels[(top + y) * width + left + x];
+            add_ray(pixel, Vec4::from_array(colors[from]), ray[0], ray[1]);
+            let counts = &counts[from];
+            sums += RayCounts {
+                samples: counts.samples.into(),
+                skipped: counts.skipped.into(),
+                contributing: counts.contributing.into(),
+            };
+        };
+        match pixels {
+            Some(list) => {
+                for &pixel in list {
+                    take((pixel & 0xffff) as usize, (pixel >> 16) as usize);
+                }
             }
-            for counts in &counts[from..from + kept] {
-                sums += RayCounts {
-                    samples: counts.samples.into(),
-                    skipped: counts.skipped.into(),
-                    contributing: counts.contributing.into(),
-                };
+            None => {
+                for y in 0..tile.part_size[1] as usize {
+                    for x in 0..tile.part_size[0] as usize {
+                        take(x, y);
+                    }
+                }
             }
         }
         Ok(sums)
@@ -410,12 +450,10 @@ fn encoder(gpu: &GpuContext, label: &str) -> wgpu::CommandEncoder {
 /// Work-groups that stay together: a square of 4×4 of them.
 const TOGETHER: usize = 16;
 
-/// The work-groups of a tile `wide` of them wide, in an order for software adapters. These give each thread a contiguous
-/// range of the dispatch, and the costly parts of a picture lie together: squares of work-groups are spread far apart.
-/// Inside a square neighbours follow each other, so that the second finds in the caches what the first has read.
-fn spread(groups: &[u32], wide: u32) -> Vec<u32> {
-    let mut near = groups.to_vec();
-    near.sort_unstable_by_key(|&g| morton(UVec3::new(g % wide, g / wide, 0)));
+/// Work-groups that are sorted by place, in an order for software adapters. These give each thread a contiguous range of the
+/// dispatch, and the costly parts of a picture lie together: squares of work-groups are spread far apart. Inside a square
+/// neighbours follow each other, so that the second finds in the caches what the first has read.
+fn spread(near: &[u32]) -> Vec<u32> {
     let squares: Vec<&[u32]> = near.chunks(TOGETHER).collect();
     let stride = spreading_stride(squares.len());
     (0..squares.len())
@@ -446,7 +484,7 @@ mod tests {
     fn every_group_is_met_once() {
         for count in [1_u32, 2, 3, 7, 8, 64, 1000, 4096, 128 * 96, 1 << 14] {
             let groups: Vec<u32> = (0..count).map(|g| g * 3).collect();
-            let mut met = spread(&groups, 37);
+            let mut met = spread(&groups);
             met.sort_unstable();
             assert_eq!(met, groups, "{count} groups");
         }
@@ -459,12 +497,12 @@ mod tests {
         assert_eq!((tiles.len(), pixels), (6, 130 * 70));
         assert_eq!(tiles[2].part_size, [2, 64], "the last of a row is cut");
         assert_eq!(
-            Renderer::groups(&tiles[5]),
+            Renderer::groups(&tiles[5], None),
             [0],
             "2 × 6 pixels are one work-group"
         );
         assert_eq!(
-            Renderer::groups(&tiles[3]),
+            Renderer::groups(&tiles[3], None),
             (0..8).collect::<Vec<u32>>(),
             "64 × 6 pixels"
         );

@@ -4,16 +4,16 @@ use std::collections::{BTreeSet, HashMap};
 
 use glam::UVec3;
 
-use crate::classify::Occupancy;
 use crate::geom::{BrickGrid, BrickId, Lod, STORED_EDGE};
-use crate::gpu::layout::{
-    BRICK_EMPTY, BRICK_EMPTY_ABOVE, BRICK_FULL, BRICK_MIXED, TAG_CONSTANT, TAG_SHIFT, TAG_SLOT,
-};
+use crate::gpu::layout::{BRICK_FULL, BRICK_MIXED, TAG_CONSTANT, TAG_SHIFT, TAG_SLOT};
+use crate::gpu::shader::AtlasPart;
 use crate::gpu::{Caps, GpuContext, GpuError, Staging};
 use crate::pager::{AtlasShape, PageTablePatch, SlotId, Upload};
 use crate::volume::StoredType;
 
+use super::activity::Activity;
 use super::bindings;
+use super::extremes::ExtremeCodes;
 use super::feedback::FeedbackPlaces;
 
 /// How values between voxels are read.
@@ -26,26 +26,18 @@ pub enum SampleFilter {
     Hardware,
 }
 
-/// Which shader reads the atlas.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum AtlasKind {
-    Filtered,
-    Float,
-    Uint,
-}
-
 /// Format, shader and scale for a voxel type on a device.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AtlasFormat {
     pub(super) format: wgpu::TextureFormat,
-    pub(super) kind: AtlasKind,
+    pub(super) kind: AtlasPart,
     /// Stored value of a texel of 1.
     pub(super) value_scale: f32,
 }
 
 impl AtlasFormat {
     pub(super) fn new(stored: StoredType, filter: SampleFilter, caps: &Caps) -> Self {
-        use AtlasKind::{Filtered, Float, Uint};
+        use AtlasPart::{Filtered, Float, Uint};
         use wgpu::TextureFormat::{R8Uint, R8Unorm, R16Uint, R16Unorm, R32Float};
         let filter = filter == SampleFilter::Hardware;
         let (format, kind, value_scale) = match stored {
@@ -66,88 +58,9 @@ impl AtlasFormat {
     /// The hardware filters along z in 3D textures only; exact sampling gathers, which it can from slices only.
     pub(super) fn dimension(&self) -> wgpu::TextureDimension {
         match self.kind {
-            AtlasKind::Filtered => wgpu::TextureDimension::D3,
-            AtlasKind::Float | AtlasKind::Uint => wgpu::TextureDimension::D2,
+            AtlasPart::Filtered => wgpu::TextureDimension::D3,
+            AtlasPart::Float | AtlasPart::Uint => wgpu::TextureDimension::D2,
         }
-    }
-}
-
-/// Greatest values of bricks in eight bits, rounded up: floor + code · scale.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MaximumCodes {
-    floor: f32,
-    scale: f32,
-}
-
-impl MaximumCodes {
-    /// Stands for any value.
-    const ANY: u8 = 255;
-
-    /// Codes for a volume whose stored values lie in `range`.
-    pub fn new(range: [f32; 2]) -> Self {
-        // The greatest value itself has the last code but one.
-        let scale = (range[1] - range[0]) / f32::from(Self::ANY - 1) * (1.0 + 1e-5);
-        Self {
-            floor: range[0],
-            // Without a scale every code is ANY.
-            scale: if scale.is_finite() { scale } else { 0.0 },
-        }
-    }
-
-    /// The code of a brick in which no voxel is greater than `maximum`: interpolation may round above it.
-    pub fn code(&self, maximum: f32) -> u8 {
-        let bound = maximum + 16.0 * f32::EPSILON * maximum.abs().max(self.floor.abs());
-        let code = ((bound - self.floor) / self.scale).ceil();
-        // Written so that what is no number is any value.
-        if code >= 0.0 && code < f32::from(Self::ANY) {
-            let code = code as u8;
-            if self.floor + f32::from(code) * self.scale >= bound {
-                return code;
-            }
-            return code + 1;
-        }
-        Self::ANY
-    }
-}
-
-/// What can be seen of a brick, under the classification in use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Activity {
-    /// Nothing. `above`: all of it lies above the iso-value.
-    Empty {
-        /// On which side of the iso-value it lies.
-        above: bool,
-    },
-    /// Some of it, nobody knows which: every block counts as active.
-    Unknown,
-    /// The blocks of this occupancy.
-    Blocks(Occupancy),
-}
-
-impl Activity {
-    /// The two bits of the shader's table.
-    fn bits(self) -> u32 {
-        match self {
-            Self::Empty { above: false } => BRICK_EMPTY,
-            Self::Empty { above: true } => BRICK_EMPTY_ABOVE,
-            Self::Unknown => BRICK_FULL,
-            Self::Blocks(occupancy) if occupancy.count() >= FULL_ENOUGH => BRICK_FULL,
-            Self::Blocks(_) => BRICK_MIXED,
-        }
-    }
-
-    /// A level's activities, 16 to a word, as [`Residency::set_level_activity`] takes them. None by blocks: those are by
-    /// slot.
-    pub fn pack(activities: &[Self]) -> Vec<u32> {
-        activities
-            .chunks(16)
-            .map(|chunk| {
-                (0..).step_by(2).zip(chunk).fold(0, |word, (shift, a)| {
-                    debug_assert!(!matches!(a, Self::Blocks(_)), "occupancies lie by slot");
-                    word | a.bits() << shift
-                })
-            })
-            .collect()
     }
 }
 
@@ -193,8 +106,8 @@ pub struct Residency {
     activity_changed: Changed,
     occupancy: wgpu::Buffer,
     /// Codes of the bricks' greatest values.
-    maxima: wgpu::Buffer,
-    codes: MaximumCodes,
+    extremes: wgpu::Buffer,
+    codes: ExtremeCodes,
     pub(super) feedback: wgpu::Buffer,
     places: FeedbackPlaces,
     dispatches: u32,
@@ -266,7 +179,7 @@ impl Residency {
         filter: SampleFilter,
         plan: AtlasPlan,
         grids: Vec<BrickGrid>,
-        codes: MaximumCodes,
+        codes: ExtremeCodes,
     ) -> Result<Self, GpuError> {
         let size = indirection_size(&grids);
         let bricks = brick_count(&grids);
@@ -350,7 +263,7 @@ impl Residency {
                 activity_words.len() as u64 * 4,
                 usage,
             );
-            let maxima = buffer(gpu, "residency.maxima", bricks, usage);
+            let extremes = buffer(gpu, "residency.extremes", bricks * 2, usage);
             let occupancy = buffer(gpu, "residency.occupancy", plan.slot_count() * 64, usage);
             let feedback = buffer(
                 gpu,
@@ -360,14 +273,10 @@ impl Residency {
             );
             let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
                 label: Some("residency.layout"),
-                entries: match format.kind {
-                    AtlasKind::Filtered => bindings::VOLUME_FILTERED,
-                    AtlasKind::Float => bindings::VOLUME_FLOAT,
-                    AtlasKind::Uint => bindings::VOLUME_UINT,
-                },
+                entries: bindings::volume_of(format.kind),
             });
             let sampler = atlas_sampler(gpu, format.kind);
-            let tables = [&constants, &activity, &occupancy, &maxima];
+            let tables = [&constants, &activity, &occupancy, &extremes];
             let group = bind(gpu, &layout, &atlases, &sampler, &indirection, tables);
             Ok(Self {
                 plan,
@@ -385,7 +294,7 @@ impl Residency {
                 activity_words,
                 activity_changed: Changed::All,
                 occupancy,
-                maxima,
+                extremes,
                 codes,
                 feedback,
                 places,
@@ -414,7 +323,7 @@ impl Residency {
             + self.constants.size()
             + self.activity.size()
             + self.occupancy.size()
-            + self.maxima.size()
+            + self.extremes.size()
             + self.feedback.size()
             + self.places.report_bytes()
     }
@@ -434,7 +343,7 @@ impl Residency {
         self.plan.textures > 1
     }
 
-    pub(super) fn kind(&self) -> AtlasKind {
+    pub(super) fn kind(&self) -> AtlasPart {
         self.format.kind
     }
 
@@ -442,8 +351,8 @@ impl Residency {
         self.format.value_scale
     }
 
-    pub(super) fn maximum_scale(&self) -> f32 {
-        self.codes.scale
+    pub(super) fn extreme_scale(&self) -> f32 {
+        self.codes.scale()
     }
 
     pub(super) fn level_bricks(&self, lod: Lod) -> UVec3 {
@@ -627,7 +536,7 @@ impl Residency {
                     &self.constants,
                     &self.activity,
                     &self.occupancy,
-                    &self.maxima,
+                    &self.extremes,
                 ],
             );
         }
@@ -668,13 +577,13 @@ impl Residency {
         )
     }
 
-    /// Enters the greatest values of a level's bricks, in the order of its index.
-    pub fn set_maxima(&self, gpu: &GpuContext, lod: Lod, maxima: impl Iterator<Item = f32>) {
-        let mut codes: Vec<u8> = maxima.map(|m| self.codes.code(m)).collect();
+    /// Enters the least and greatest values of a level's bricks, in the order of its index.
+    pub fn set_extremes(&self, gpu: &GpuContext, lod: Lod, ranges: impl Iterator<Item = [f32; 2]>) {
+        let mut codes: Vec<u8> = ranges.flat_map(|r| self.codes.of(r)).collect();
         codes.resize(codes.len().next_multiple_of(4), 0);
         let first = self.first_bricks[usize::from(lod.0)];
         gpu.queue
-            .write_buffer(&self.maxima, u64::from(first), &codes);
+            .write_buffer(&self.extremes, u64::from(first) * 2, &codes);
     }
 
     /// What the index tells of all bricks of a level ([`Activity::pack`]); resident ones have to be set again.
@@ -813,10 +722,10 @@ pub(super) fn atlas_view(texture: &wgpu::Texture) -> wgpu::TextureView {
 }
 
 /// The sampler of an atlas: gathers take none that filters.
-pub(super) fn atlas_sampler(gpu: &GpuContext, kind: AtlasKind) -> wgpu::Sampler {
+pub(super) fn atlas_sampler(gpu: &GpuContext, kind: AtlasPart) -> wgpu::Sampler {
     let filter = match kind {
-        AtlasKind::Filtered => wgpu::FilterMode::Linear,
-        AtlasKind::Float | AtlasKind::Uint => wgpu::FilterMode::Nearest,
+        AtlasPart::Filtered => wgpu::FilterMode::Linear,
+        AtlasPart::Float | AtlasPart::Uint => wgpu::FilterMode::Nearest,
     };
     gpu.device.create_sampler(&wgpu::SamplerDescriptor {
         label: Some("residency.sampler"),
@@ -826,7 +735,7 @@ pub(super) fn atlas_sampler(gpu: &GpuContext, kind: AtlasKind) -> wgpu::Sampler 
     })
 }
 
-/// The bind group; `tables` are constants, activity, occupancy, maxima.
+/// The bind group; `tables` are constants, activity, occupancy, extremes.
 fn bind(
     gpu: &GpuContext,
     layout: &wgpu::BindGroupLayout,
@@ -866,42 +775,5 @@ fn bind(
     })
 }
 
-/// Active blocks (of 512) from which a brick is walked as if all were: finding the few gaps costs more than the samples in
-/// them. Only what is sampled in vain changes, not the picture.
-const FULL_ENOUGH: u32 = 384;
-
 /// Rows of texture copies are padded to this by the API.
 const ROW_PITCH: usize = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn codes_of_maxima_are_never_below_them() {
-        for range in [[0.0, 240.0], [-1000.5, 3000.25], [16.0, 16.5], [1e-3, 1e30]] {
-            let codes = MaximumCodes::new(range);
-            let mut culled = 0;
-            for i in 0..=1000 {
-                let maximum = range[0] + (range[1] - range[0]) * (i as f32 / 1000.0);
-                let code = codes.code(maximum);
-                let bound = codes.floor + f32::from(code) * codes.scale;
-                assert!(
-                    code == MaximumCodes::ANY || bound >= maximum,
-                    "{maximum} of {range:?}: {bound}"
-                );
-                culled += u32::from(bound - maximum <= (range[1] - range[0]) / 200.0);
-            }
-            assert!(culled > 900, "{range:?}: {culled} of 1001 codes are close");
-        }
-    }
-
-    #[test]
-    fn without_a_range_any_value_may_come() {
-        for range in [[7.0, 7.0], [f32::MIN, f32::MAX]] {
-            let codes = MaximumCodes::new(range);
-            assert_eq!(codes.code(range[1]), MaximumCodes::ANY, "{range:?}");
-            assert!(codes.scale.is_finite(), "{range:?}");
-        }
-    }
-}

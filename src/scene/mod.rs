@@ -5,12 +5,14 @@
 //! nothing but arithmetic. No drawing here, no GPU, no voxels. Keeps invariant 1 of design.md: sample positions depend
 //! on the ray and the step alone ([`RayFrame`]).
 
+mod antialias;
 mod classified;
 mod frame;
 mod image;
 mod settings;
 mod stats;
 
+pub use antialias::{RaySet, add_ray, differing_pixels};
 pub use classified::{Classified, ClassifiedLevel, ClassifiedSurface, SceneError, default_window};
 pub use frame::{GridParams, LevelFrame, LodRule, RayFrame, interleaved_offset, volume_bounds};
 pub use image::Image;

@@ -8,7 +8,10 @@ use brickscope::classify::{
     ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction,
 };
 use brickscope::engine::{DeviceChoice, Engine, EngineOptions, Picture};
-use brickscope::scene::{IsoSurface, Mode, PictureSettings, volume_bounds};
+use brickscope::scene::{
+    GradientFilter, IsoSurface, Jitter, Mode, PictureSettings, ShadingModel, TransferMode,
+    volume_bounds,
+};
 use brickscope::store::Store;
 use brickscope::volume::{VoxelSource, VoxelType};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -133,7 +136,79 @@ pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
         color: Vec3::new(0.9, 0.8, 0.7),
         opacity: 1.0,
     }];
+    match mode {
+        // What is low shows.
+        Mode::MinIp => {
+            let points = settings.classification.transfer.opacity.points();
+            let (first, last) = (points[0].x, points[points.len() - 1].x);
+            settings.classification.transfer.opacity = OpacityCurve::new(vec![
+                OpacityPoint::linear(first, 0.9),
+                OpacityPoint::linear(last, 0.2),
+            ])
+            .expect("rising points");
+        }
+        // What is behind shows, too.
+        Mode::Xray => settings.classification.opacity_unit_mm = Some(30.0),
+        _ => (),
+    }
     settings
+}
+
+/// Every mode, and what changes how a mode draws: names and settings as [`settings`] has them.
+pub fn looks(store: &Store) -> Vec<(&'static str, PictureSettings)> {
+    let of = |mode| settings(store, mode);
+    let mut looks: Vec<(&str, PictureSettings)> =
+        Mode::ALL.map(|mode| (mode.name(), of(mode))).to_vec();
+    let lit = |mut s: PictureSettings| {
+        s.shading.model = ShadingModel::Phong;
+        s
+    };
+    let mut preintegrated = of(Mode::Dvr);
+    preintegrated.classification.transfer_mode = TransferMode::Preintegrated;
+    preintegrated.step = 1.0;
+    let mut surfaces = of(Mode::Iso);
+    surfaces.classification.iso = translucent_surfaces(store);
+    let filtered = |mut s: PictureSettings| {
+        s.shading.gradient = GradientFilter::Filtered;
+        s
+    };
+    let jittered = |mut s: PictureSettings| {
+        s.jitter = Jitter::Interleaved;
+        s.step = 1.5;
+        s
+    };
+    looks.extend([
+        ("lit pre-integrated", lit(preintegrated.clone())),
+        ("pre-integrated", preintegrated),
+        ("filtered surfaces", filtered(surfaces.clone())),
+        ("surfaces", surfaces),
+        ("filtered dvr", filtered(lit(of(Mode::Dvr)))),
+        ("filtered gradient", filtered(of(Mode::Gradient))),
+        ("jittered dvr", jittered(of(Mode::Dvr))),
+        ("jittered iso", jittered(of(Mode::Iso))),
+    ]);
+    looks
+}
+
+/// Four surfaces at parts of the range, the last opaque, in no order.
+pub fn translucent_surfaces(store: &Store) -> Vec<IsoSurface> {
+    let meta = store.meta();
+    let at = |part: f64| {
+        let stored = meta.value_min + part * (meta.value_max - meta.value_min);
+        meta.rescale.physical(stored)
+    };
+    [
+        (0.55, [0.2, 0.9, 0.3], 0.5),
+        (0.3, [0.9, 0.3, 0.2], 0.3),
+        (0.42, [0.3, 0.3, 0.9], 0.4),
+        (0.75, [0.9, 0.9, 0.7], 1.0),
+    ]
+    .map(|(part, color, opacity)| IsoSurface {
+        value: at(part),
+        color: Vec3::from(color),
+        opacity,
+    })
+    .to_vec()
 }
 
 /// A camera in the middle of the volume, looking along `direction`.

@@ -1,20 +1,24 @@
 //! The exact picture under any atlas: tile by tile, each by dispatches between which missing bricks are loaded, until no
 //! ray has anything left to do (design.md §2, invariant 2).
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use glam::{DVec3, UVec3};
+use glam::DVec3;
 
-use crate::geom::{BRICK_EDGE, BrickId, morton};
+use crate::geom::{BRICK_EDGE, BrickId};
 use crate::gpu::GpuContext;
 use crate::gpu::layout::{RAY_LEVEL_MASK, RayState};
 use crate::pager::{FrameRequests, RequestClass};
-use crate::render::{Cast, Feedback, FrameInputs, Renderer, Tile};
-use crate::scene::{Image, LevelFrame, PictureStats, RayCounts, RayFrame};
+use crate::render::{Cast, Feedback, FrameInputs, PixelList, Renderer, Tile};
+use crate::scene::{
+    AntiAliasing, GradientFilter, Image, Jitter, LevelFrame, PictureSettings, PictureStats,
+    RayCounts, RayFrame, RaySet,
+};
 
 use super::super::EngineError;
-use super::paged::{PagedVolume, SEGMENT_SLACK};
+use super::paged::PagedVolume;
 
 /// How long a dispatch should take at most: on real GPUs watchdogs end long ones. A renderer on the CPU has none, and loses
 /// by small pieces.
@@ -26,7 +30,14 @@ const LEAST_LIMIT: u32 = 32;
 /// A picture on its way.
 #[derive(Debug)]
 pub(super) struct ExactRun {
-    tiles: VecDeque<Tile>,
+    /// The sample grid, with the place in the pixel of the ray that is cast.
+    rays: Arc<RayFrame>,
+    /// Where each ray of a pixel passes.
+    places: Vec<[f32; 2]>,
+    parts: VecDeque<Part>,
+    /// What tells the rays that follow these; `None` once they are told.
+    anti_aliasing: Option<AntiAliasing>,
+    tile_size: [u32; 2],
     current: Option<Work>,
     sample_limit: u32,
     /// Bricks were asked for that the next dispatch needs: these.
@@ -34,6 +45,9 @@ pub(super) struct ExactRun {
     needed: BTreeSet<BrickId>,
     pub(super) image: Image,
     pub(super) counts: RayCounts,
+    pub(super) rays_cast: u64,
+    /// Parts of the picture that are finished, each with all of its rays.
+    pub(super) parts_done: u64,
     /// Bricks with voxels that were sampled.
     pub(super) touched: BTreeSet<BrickId>,
     /// Bricks that rays asked for.
@@ -58,10 +72,53 @@ pub(super) enum Progress {
     Waiting,
 }
 
-/// What is left to do of a tile.
+/// Pixels of a tile: all, or those that are listed.
+#[derive(Debug)]
+struct Part {
+    tile: Tile,
+    /// As [`PixelList`] has them.
+    list: Option<Vec<u32>>,
+}
+
+impl Part {
+    fn list(&self) -> PixelList<'_> {
+        self.list.as_deref()
+    }
+
+    fn pixel_count(&self) -> u64 {
+        match &self.list {
+            Some(list) => list.len() as u64,
+            None => self.tile.part_size.map(u64::from).iter().product(),
+        }
+    }
+}
+
+/// The parts of a set of rays in tiles of `tile` pixels.
+fn parts(set: &RaySet, size: [u32; 2], tile: [u32; 2]) -> VecDeque<Part> {
+    let tiles = Renderer::tiles(size, tile);
+    let Some(pixels) = &set.pixels else {
+        let whole = |tile| Part { tile, list: None };
+        return tiles.into_iter().map(whole).collect();
+    };
+    let across = size[0].div_ceil(tile[0]);
+    let mut lists: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for [x, y] in pixels {
+        let list = lists.entry(y / tile[1] * across + x / tile[0]).or_default();
+        list.push((y % tile[1]) << 16 | x % tile[0]);
+    }
+    let part = |(number, list): (u32, Vec<u32>)| Part {
+        tile: tiles[number as usize],
+        list: Some(list),
+    };
+    lists.into_iter().map(part).collect()
+}
+
+/// What is left to do of a part with one ray of each pixel.
 #[derive(Debug)]
 struct Work {
-    tile: Tile,
+    part: Part,
+    /// Number of the ray in its pixel.
+    ray: usize,
     /// Work-groups that are cast.
     active: Vec<u32>,
     /// Those whose turn comes later: what all of them miss at once does not fit the atlas. Their rays keep their state.
@@ -73,10 +130,11 @@ struct Work {
 }
 
 impl Work {
-    fn new(tile: Tile) -> Self {
-        let active = Renderer::groups(&tile);
+    fn new(part: Part, ray: usize) -> Self {
+        let active = Renderer::groups(&part.tile, part.list());
         Self {
-            tile,
+            part,
+            ray,
             at_once: active.len(),
             active,
             deferred: Vec::new(),
@@ -86,8 +144,7 @@ impl Work {
 
     /// Neighbours in the picture need the same bricks: they take their turns together.
     fn sort_by_place(&self, groups: &mut [u32]) {
-        let wide = Renderer::groups_wide(&self.tile);
-        groups.sort_unstable_by_key(|&g| morton(UVec3::new(g % wide, g / wide, 0)));
+        Renderer::sort_by_place(&self.part.tile, self.part.list.is_some(), groups);
     }
 
     /// Casts fewer groups at once. False when there is but one.
@@ -122,12 +179,16 @@ impl Work {
     }
 }
 
-/// Slots that one stopped ray may need at once: the bricks that a segment passes, at most.
-pub(super) fn segment_bricks(rays: &RayFrame, bricks_of: impl Fn(&LevelFrame) -> DVec3) -> usize {
+/// Slots that one stopped ray of a picture of `settings` may need at once: the bricks that a segment passes, at most.
+pub(super) fn segment_bricks(
+    rays: &RayFrame,
+    settings: &PictureSettings,
+    bricks_of: impl Fn(&LevelFrame) -> DVec3,
+) -> usize {
     rays.used()
         .iter()
         .map(|level| {
-            let reach = step_reach(level) + 2.0 * SEGMENT_SLACK;
+            let reach = step_reach(level) * segment_steps(rays) + 2.0 * segment_slack(settings);
             // A length of up to a brick lies in two, and so on; a level has no more than it has.
             let bricks = (reach / f64::from(BRICK_EDGE)).ceil() + 1.0;
             let bricks = bricks.min(bricks_of(level));
@@ -135,6 +196,24 @@ pub(super) fn segment_bricks(rays: &RayFrame, bricks_of: impl Fn(&LevelFrame) ->
         })
         .max()
         .unwrap_or(1)
+}
+
+/// Steps in which the segment of a stopped ray lies: samples that are moved lie in the next one.
+fn segment_steps(rays: &RayFrame) -> f64 {
+    match rays.jitter {
+        Jitter::None => 1.0,
+        Jitter::Interleaved => 2.0,
+    }
+}
+
+/// How far from the segment voxels are needed, level voxels: what a position may be off by rounding, and the points of
+/// filtered gradients.
+fn segment_slack(settings: &PictureSettings) -> f64 {
+    const ROUNDING: f64 = 0.01;
+    match settings.shading.gradient {
+        GradientFilter::Central => ROUNDING,
+        GradientFilter::Filtered => 0.5 + ROUNDING,
+    }
 }
 
 /// How many missing bricks all rays in turn may have at once. What lies behind them needs slots, too; where there are few,
@@ -159,30 +238,34 @@ impl ExactRun {
     /// A picture in tiles of `tile` pixels; finished tiles replace those of `base`.
     pub(super) fn new(
         gpu: &GpuContext,
-        size: [u32; 2],
+        inputs: &FrameInputs<'_>,
         tile: [u32; 2],
         base: Option<Image>,
     ) -> Self {
+        let (size, anti_aliasing) = (inputs.rays.size, inputs.settings.anti_aliasing);
+        let first = RaySet::first(anti_aliasing);
         Self {
-            tiles: Renderer::tiles(size, tile).into(),
+            rays: Arc::new(inputs.rays.clone()),
+            parts: parts(&first, size, tile),
+            places: first.places,
+            anti_aliasing: Some(anti_aliasing),
+            tile_size: tile,
             current: None,
             is_waiting: false,
             needed: BTreeSet::new(),
             sample_limit: FIRST_LIMIT[usize::from(gpu.caps.is_software)],
             image: base.unwrap_or_else(|| Image::clear(size)),
             counts: RayCounts::default(),
+            rays_cast: 0,
+            parts_done: 0,
             touched: BTreeSet::new(),
             requested: BTreeSet::new(),
         }
     }
 
-    /// Tiles that are not finished.
-    pub(super) fn tiles_left(&self) -> usize {
-        self.tiles.len() + usize::from(self.current.is_some())
-    }
-
     /// What the rays did.
     pub(super) fn report(&self, stats: &mut PictureStats) {
+        stats.rays = self.rays_cast;
         stats.samples = self.counts.samples;
         stats.samples_skipped = self.counts.skipped;
         stats.samples_contributing = Some(self.counts.contributing);
@@ -222,16 +305,21 @@ impl ExactRun {
         let mut work = match self.current.take() {
             Some(work) => work,
             None => {
-                let Some(tile) = self.tiles.pop_front() else {
+                let Some(part) = self.parts.pop_front() else {
                     return Ok(Progress::Complete);
                 };
-                renderer.begin_tile(gpu, inputs, &volume.residency, &tile)?;
-                Work::new(tile)
+                self.begin(gpu, renderer, volume, inputs, part, 0)?
             }
         };
-        let tile = work.tile;
+        let rays = Arc::clone(&self.rays);
+        let inputs = &FrameInputs {
+            rays: &rays,
+            ..*inputs
+        };
+        let tile = work.part.tile;
         let cast = Cast {
             groups: &work.active,
+            is_listed: work.part.list.is_some(),
             draft: false,
             sample_limit: self.sample_limit,
         };
@@ -242,8 +330,17 @@ impl ExactRun {
         self.touched.extend(&touched);
         let is_turn_over = report.pending_groups.is_empty();
         if is_turn_over && !work.next_turn() {
-            self.counts += renderer.collect(gpu, &tile, &mut self.image)?;
-            return Ok(if self.tiles.is_empty() {
+            let ray = [work.ray, self.places.len()];
+            let Work { part, .. } = work;
+            self.counts += renderer.collect(gpu, &tile, part.list(), ray, &mut self.image)?;
+            self.rays_cast += part.pixel_count();
+            if ray[0] + 1 < ray[1] {
+                let next = self.begin(gpu, renderer, volume, inputs, part, ray[0] + 1)?;
+                self.current = Some(next);
+                return Ok(Progress::Advanced);
+            }
+            self.parts_done += 1;
+            return Ok(if self.parts.is_empty() && !self.begin_second_set() {
                 Progress::Complete
             } else {
                 Progress::Advanced
@@ -265,6 +362,35 @@ impl ExactRun {
         Ok(Progress::Advanced)
     }
 
+    /// Begins to cast ray number `ray` of the pixels of a part.
+    fn begin(
+        &mut self,
+        gpu: &GpuContext,
+        renderer: &mut Renderer,
+        volume: &PagedVolume,
+        inputs: &FrameInputs<'_>,
+        part: Part,
+        ray: usize,
+    ) -> Result<Work, EngineError> {
+        let rays = Arc::make_mut(&mut self.rays);
+        rays.place_in_pixel = self.places[ray];
+        let inputs = FrameInputs { rays, ..*inputs };
+        renderer.begin_tile(gpu, &inputs, &volume.residency, &part.tile, part.list())?;
+        Ok(Work::new(part, ray))
+    }
+
+    /// Goes on with the rays that follow the first ones. False when the picture has all of them.
+    fn begin_second_set(&mut self) -> bool {
+        let set = self
+            .anti_aliasing
+            .take()
+            .and_then(|how| RaySet::second(how, &self.image));
+        let Some(set) = set else { return false };
+        self.parts = parts(&set, self.rays.size, self.tile_size);
+        self.places = set.places;
+        true
+    }
+
     /// Asks for what rays miss; what the first stopped ray needs, together.
     #[expect(clippy::too_many_arguments, reason = "the parts of one dispatch")]
     fn request(
@@ -284,7 +410,7 @@ impl ExactRun {
             Vec::new()
         } else {
             let state = renderer.ray_state(gpu, pixel)?;
-            segment(inputs.rays, tile, pixel, &state, volume)
+            segment(inputs, tile, pixel, &state, volume)
         };
         volume.begin_frame(&FrameRequests {
             requests: &requests,
@@ -312,26 +438,26 @@ impl ExactRun {
 
 /// The bricks that the next segment of a stopped ray may need.
 fn segment(
-    rays: &RayFrame,
+    inputs: &FrameInputs<'_>,
     tile: &Tile,
     pixel: u32,
     state: &RayState,
     volume: &PagedVolume,
 ) -> Vec<BrickId> {
+    let rays = inputs.rays;
     let level = &rays.levels[(state.flags & RAY_LEVEL_MASK) as usize];
     let x = tile.origin[0] + pixel % tile.size[0];
     let y = tile.origin[1] + pixel / tile.size[0];
-    let u = (f64::from(x) + 0.5) * 2.0 / f64::from(rays.size[0]) - 1.0;
-    let v = 1.0 - (f64::from(y) + 0.5) * 2.0 / f64::from(rays.size[1]);
+    let [u, v] = rays.plane_of_pixel(x, y).map(f64::from);
     let at = |q: &[glam::Vec3; 3]| q[0].as_dvec3() + q[1].as_dvec3() * u + q[2].as_dvec3() * v;
     let inverse = 1.0 / at(&rays.world_dir).length();
     let direction = at(&level.level_dir) * inverse;
     let origin = at(&level.level_origin) + level.anchor.as_dvec3();
-    let place = |index: i32| {
-        let mm = rays.first_mm_exact + f64::from(index) * level.step_mm_exact;
-        origin + direction * mm
-    };
-    volume.bricks_of_segment(level.lod, [place(state.next - 1), place(state.next)])
+    let place =
+        |index: f64| origin + direction * (rays.first_mm_exact + index * level.step_mm_exact);
+    let begin = f64::from(state.next - 1);
+    let ends = [place(begin), place(begin + segment_steps(rays))];
+    volume.bricks_of_segment(level.lod, ends, segment_slack(inputs.settings))
 }
 
 #[cfg(test)]
@@ -345,7 +471,7 @@ mod tests {
             size: [128, 128],
             part_size: [128, 120],
         };
-        let mut work = Work::new(tile);
+        let mut work = Work::new(Part { tile, list: None }, 0);
         let all = work.active.clone();
         assert_eq!(all.len(), 16 * 15, "8×8 pixels each");
         assert!(
@@ -370,5 +496,42 @@ mod tests {
         assert!(turns <= 4, "with room again they get larger: {turns} turns");
         work.active = vec![3];
         assert!(!work.split(), "one work-group can't be split");
+    }
+
+    #[test]
+    fn listed_pixels_go_to_their_tiles_in_their_order() {
+        let set = RaySet {
+            places: vec![[0.5; 2]],
+            pixels: Some(vec![[65, 3], [64, 69], [0, 0], [129, 70], [66, 3]]),
+        };
+        let parts = parts(&set, [130, 71], [64, 64]);
+        let told: Vec<([u32; 2], &[u32])> = parts
+            .iter()
+            .map(|p| (p.tile.origin, p.list().unwrap()))
+            .collect();
+        let expected: [([u32; 2], &[u32]); 4] = [
+            ([0, 0], &[0]),
+            ([64, 0], &[3 << 16 | 1, 3 << 16 | 2]),
+            ([64, 64], &[5 << 16]),
+            ([128, 64], &[6 << 16 | 1]),
+        ];
+        assert_eq!(told, expected, "tiles without any are left out");
+        assert_eq!(parts[1].pixel_count(), 2);
+    }
+
+    #[test]
+    fn turns_of_a_list_are_parts_of_it() {
+        let tile = Tile {
+            origin: [0, 0],
+            size: [64, 64],
+            part_size: [64, 64],
+        };
+        let list = Some((0..200).collect());
+        let mut work = Work::new(Part { tile, list }, 2);
+        assert_eq!(work.active, [0, 1, 2, 3], "64 pixels each");
+        assert!(work.split(), "two halves");
+        assert_eq!(work.active, [0, 1], "near in the list, near in the picture");
+        assert!(work.next_turn(), "the other half");
+        assert_eq!(work.active, [2, 3]);
     }
 }

@@ -53,6 +53,7 @@ pub(super) struct Live {
     first_whole: Option<Duration>,
     converged: Option<Duration>,
     missing: u64,
+    rays: u64,
     counts: RayCounts,
     touched: BTreeSet<BrickId>,
     requested: BTreeSet<BrickId>,
@@ -95,6 +96,7 @@ impl Live {
             first_whole: None,
             converged: None,
             missing: 0,
+            rays: 0,
             counts: RayCounts::default(),
             touched: BTreeSet::new(),
             requested: BTreeSet::new(),
@@ -113,14 +115,13 @@ impl Live {
 
     fn report(&self, device: PictureStats) -> PictureStats {
         let ms = |d: Option<Duration>| d.map(|d| d.as_secs_f64() * 1e3);
-        let [width, height] = self.settings.size.map(u64::from);
         let ready = self.ready.as_ref();
         PictureStats {
             wall_ms: self.begun.elapsed().as_secs_f64() * 1e3,
             first_complete_ms: ms(self.first_whole),
             converged_ms: ms(self.converged),
             converged: self.is_converged(),
-            rays: width * height,
+            rays: self.rays,
             samples: self.counts.samples,
             samples_skipped: self.counts.skipped,
             samples_contributing: Some(self.counts.contributing),
@@ -137,6 +138,7 @@ impl Live {
 
     /// Adds what a run did.
     fn add(&mut self, run: &ExactRun) {
+        self.rays = run.rays_cast;
         self.counts = run.counts;
         self.touched.extend(&run.touched);
         self.requested.extend(&run.requested);
@@ -348,13 +350,13 @@ impl GpuDevice {
         job
     }
 
-    /// Sends what the picture number `number` of those that are ready is drawn from; returns its size and that of its tiles.
-    fn begin_picture(
+    /// Sends what the picture number `number` of those that are ready is drawn from; returns that and the size of its tiles.
+    fn begin_picture<'l>(
         &mut self,
-        live: &Live,
+        live: &'l Live,
         number: usize,
         draft: bool,
-    ) -> Result<([u32; 2], [u32; 2]), EngineError> {
+    ) -> Result<(&'l PicturePlan, [u32; 2]), EngineError> {
         let (Some(ready), Some(volume)) = (&live.ready, &self.volume) else {
             unreachable!("invariant: a picture begins when it is ready")
         };
@@ -364,17 +366,17 @@ impl GpuDevice {
         self.renderer.set_mesh(&self.gpu, mesh)?;
         self.renderer
             .begin_picture(&self.gpu, &inputs, &volume.residency, tile, draft)?;
-        Ok((plan.settings.size, tile))
+        Ok((plan, tile))
     }
 
     fn begin_run(&mut self, live: &Live, number: usize) -> Result<ExactRun, EngineError> {
-        let (size, tile) = self.begin_picture(live, number, false)?;
+        let (plan, tile) = self.begin_picture(live, number, false)?;
         let base = live
             .image
             .as_ref()
-            .filter(|i| [i.width, i.height] == size)
+            .filter(|i| [i.width, i.height] == plan.settings.size)
             .cloned();
-        Ok(ExactRun::new(&self.gpu, size, tile, base))
+        Ok(ExactRun::new(&self.gpu, &plan.inputs(), tile, base))
     }
 
     fn begin_draft(&mut self, live: &Live) -> Result<Phase, EngineError> {
@@ -383,7 +385,7 @@ impl GpuDevice {
         Ok(Phase::Draft(Draft::default()))
     }
 
-    /// One step of a run. The outer error is the device's, the inner a brick's. Also: was a tile finished?
+    /// One step of a run. The outer error is the device's, the inner a brick's. Also: was a part finished?
     fn advance_run(
         &mut self,
         run: &mut ExactRun,
@@ -395,13 +397,13 @@ impl GpuDevice {
             unreachable!("invariant: a run was begun on a volume")
         };
         let inputs = ready.pictures[number].0.inputs();
-        let before = run.tiles_left();
+        let before = run.parts_done;
         match run.advance(&self.gpu, &mut self.renderer, volume, &inputs, wait) {
             Err(error @ (EngineError::Store(_) | EngineError::FailedBrick { .. })) => {
                 Ok((Err(error), false))
             }
             Err(other) => Err(other),
-            Ok(progress) => Ok((Ok(progress), run.tiles_left() < before)),
+            Ok(progress) => Ok((Ok(progress), run.parts_done > before)),
         }
     }
 
@@ -538,12 +540,13 @@ impl GpuDevice {
         let mut image = Image::clear(size);
         for tile in Renderer::tiles(size, tile) {
             self.renderer
-                .begin_tile(&self.gpu, &inputs, &volume.residency, &tile)?;
+                .begin_tile(&self.gpu, &inputs, &volume.residency, &tile, None)?;
             // Rays of a draft don't stop: fewer of them keep a dispatch short.
             let at_once = DRAFT_GROUPS[usize::from(self.gpu.caps.is_software)];
-            for groups in Renderer::groups(&tile).chunks(at_once) {
+            for groups in Renderer::groups(&tile, None).chunks(at_once) {
                 let cast = Cast {
                     groups,
+                    is_listed: false,
                     draft: true,
                     sample_limit: u32::MAX,
                 };
@@ -555,7 +558,8 @@ impl GpuDevice {
                     &cast,
                 )?);
             }
-            self.renderer.collect(&self.gpu, &tile, &mut image)?;
+            self.renderer
+                .collect(&self.gpu, &tile, None, [0, 1], &mut image)?;
         }
         Ok(image)
     }

@@ -179,7 +179,7 @@ impl GpuDevice {
         volume.retry_failed();
         renderer.set_mesh(gpu, mesh)?;
         renderer.begin_picture(gpu, &inputs, &volume.residency, tile, false)?;
-        let mut run = ExactRun::new(gpu, plan.settings.size, tile, None);
+        let mut run = ExactRun::new(gpu, &inputs, tile, None);
         while run.advance(gpu, renderer, volume, &inputs, Wait::Block)? != Progress::Complete {}
         let mut stats = self.stats(before)?;
         run.report(&mut stats);
@@ -224,7 +224,7 @@ impl GpuDevice {
             .pictures
             .iter()
             .map(|(plan, _)| {
-                segment_bricks(&plan.rays, |level| {
+                segment_bricks(&plan.rays, &plan.settings, |level| {
                     self.grids[usize::from(level.lod.0)].bricks.as_dvec3()
                 })
             })
@@ -232,17 +232,21 @@ impl GpuDevice {
             .unwrap_or(1);
         // Room for the pinned level, and for what one ray needs at once.
         let wanted = (ready.bricks.visible_with_voxels + coarsest).max(least as u64 + coarsest);
-        let mut plan = self.atlas_plan(wanted, tile, voxel_bytes)?;
-        let keeps = self
-            .volume
-            .as_ref()
-            .is_some_and(|v| v.residency.plan().slot_count() >= plan.slot_count());
+        let pictures = ready.pictures.iter();
+        let integrals = pictures.map(|(plan, _)| Renderer::integrals_bytes(&plan.classified));
+        let others = self.other_bytes(tile) + integrals.max().unwrap_or(0);
+        let mut plan = self.atlas_plan(wanted, others, voxel_bytes)?;
+        let keeps = self.volume.as_ref().is_some_and(|v| {
+            let there = v.residency.plan();
+            let bytes = there.bytes(voxel_bytes) + there.slot_count() * SLOT_BYTES;
+            there.slot_count() >= plan.slot_count() && others + bytes <= self.budget_bytes
+        });
         if !keeps {
-            plan = self.atlas_plan(wanted * room, tile, voxel_bytes)?;
+            plan = self.atlas_plan(wanted * room, others, voxel_bytes)?;
             // The old atlas goes before the new one comes: both together may not fit.
             self.drop_volume();
             self.attempted_bytes =
-                self.other_bytes(tile) + plan.bytes(voxel_bytes) + plan.slot_count() * SLOT_BYTES;
+                others + plan.bytes(voxel_bytes) + plan.slot_count() * SLOT_BYTES;
             self.volume = Some(PagedVolume::new(
                 &self.gpu,
                 &self.store,
@@ -269,14 +273,13 @@ impl GpuDevice {
         Ok(ready)
     }
 
-    /// The atlas for `wanted` bricks, or as many as the budget holds.
+    /// The atlas for `wanted` bricks, or as many as the budget holds beside `others` bytes.
     fn atlas_plan(
         &self,
         wanted: u64,
-        tile: [u32; 2],
+        others: u64,
         voxel_bytes: u64,
     ) -> Result<AtlasPlan, EngineError> {
-        let others = self.other_bytes(tile);
         let too_little = || EngineError::GpuMemory {
             given: self.budget_bytes,
             least: others + AtlasShape::least_bytes(voxel_bytes),

@@ -13,7 +13,7 @@ use crate::pager::{
     Completion, FrameRequests, Loaded, Loader, Pager, PagerBudget, Priority, Request, RequestClass,
     SlotId, SlotPool, StepLimits, Upload, scan,
 };
-use crate::render::{Activity, AtlasPlan, MaximumCodes, MissedBrick, Residency};
+use crate::render::{Activity, AtlasPlan, ExtremeCodes, MissedBrick, Residency};
 use crate::scene::RayFrame;
 use crate::store::{BrickData, Store, StoreError};
 
@@ -100,7 +100,7 @@ impl PagedVolume {
             .collect();
         let stored = store.meta().stored_type;
         let meta = store.meta();
-        let codes = MaximumCodes::new([meta.value_min as f32, meta.value_max as f32]);
+        let codes = ExtremeCodes::new([meta.value_min as f32, meta.value_max as f32]);
         let residency = Residency::new(gpu, stored, options.filter, plan, grids.clone(), codes)?;
         let staging = Staging::new(gpu, Residency::staging_chunk_bytes(), staging_bytes);
         let count = plan.slot_count().min(options.max_slots.unwrap_or(u64::MAX)) as u32;
@@ -245,8 +245,8 @@ impl PagedVolume {
             .map(|b| (b.index, b.range[0]));
         self.residency
             .set_constants(gpu, &mut self.staging, lod, constants)?;
-        let maxima = scan(&self.store, lod, &Visibility::All).map(|b| b.range[1]);
-        self.residency.set_maxima(gpu, lod, maxima);
+        let ranges = scan(&self.store, lod, &Visibility::All).map(|b| b.range);
+        self.residency.set_extremes(gpu, lod, ranges);
         Ok(())
     }
 
@@ -496,20 +496,23 @@ impl PagedVolume {
         self.pager.retry_failed();
     }
 
-    /// The bricks with voxels that the segment between two positions of a level may need, offsets in level voxels from
-    /// `anchor`.
-    pub(super) fn bricks_of_segment(&self, lod: Lod, [from, to]: [DVec3; 2]) -> Vec<BrickId> {
+    /// The bricks with voxels that lie within `slack` of the box around two positions of a level, all in level voxels.
+    pub(super) fn bricks_of_segment(
+        &self,
+        lod: Lod,
+        [from, to]: [DVec3; 2],
+        slack: f64,
+    ) -> Vec<BrickId> {
         let grid = &self.grids[usize::from(lod.0)];
         let last = (grid.bricks - 1).as_dvec3();
-        // Positions on the device are rounded to f32.
         let place = |p: DVec3| {
             (p / f64::from(crate::geom::BRICK_EDGE))
                 .floor()
                 .clamp(DVec3::ZERO, last)
                 .as_uvec3()
         };
-        let low = place(from.min(to) - SEGMENT_SLACK);
-        let high = place(from.max(to) + SEGMENT_SLACK);
+        let low = place(from.min(to) - slack);
+        let high = place(from.max(to) + slack);
         let mut bricks = Vec::new();
         for z in low.z..=high.z {
             for y in low.y..=high.y {
@@ -524,9 +527,6 @@ impl PagedVolume {
         bricks
     }
 }
-
-/// What a position may be off by rounding, level voxels.
-pub(super) const SEGMENT_SLACK: f64 = 0.01;
 
 /// Slots in an order that depends on `seed` alone.
 fn shuffled_slots(count: u32, seed: u64) -> Vec<SlotId> {

@@ -7,7 +7,7 @@ use crate::render::FrameInputs;
 use crate::scene::{Classified, PictureSettings, RayFrame, Technique};
 use crate::store::Store;
 
-use super::super::{EngineError, prepare, refuse_unbuilt};
+use super::super::{EngineError, prepare};
 use super::bounds::{active_blocks, mesh};
 use super::classification::{ClassifiedBricks, KnownRanges, LevelVisibility, SeenLevels};
 
@@ -25,7 +25,11 @@ pub(super) struct PicturePlan {
 impl PicturePlan {
     pub(super) fn new(store: &Store, settings: &PictureSettings) -> Result<Self, EngineError> {
         let (rays, classified) = prepare(store, settings)?;
-        refuse_unbuilt(settings)?;
+        if !matches!(settings.technique, Technique::Default | Technique::Basic) {
+            return Err(EngineError::NotBuilt {
+                what: settings.technique.name(),
+            });
+        }
         let skip = settings.technique != Technique::Basic;
         let iso = classified.surfaces.first().map(|s| s.value);
         let levels = rays

@@ -4,10 +4,11 @@
 use glam::{UVec2, UVec3};
 
 use crate::gpu::layout::{FrameUniforms, MAX_LEVELS};
+use crate::gpu::shader::AtlasPart;
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers, shader};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, FrameInputs, padded, ray_uniforms};
-use crate::render::residency::{AtlasFormat, AtlasKind, SampleFilter, atlas_sampler, atlas_view};
+use crate::render::residency::{AtlasFormat, SampleFilter, atlas_sampler, atlas_view};
 use crate::volume::StoredType;
 
 /// Pixels of a work-group: as the caster's.
@@ -40,7 +41,7 @@ impl DenseLevel {
         voxels: UVec3,
     ) -> Result<Option<Self>, GpuError> {
         let format = AtlasFormat::new(stored, filter, &gpu.caps);
-        if filter == SampleFilter::Hardware && format.kind != AtlasKind::Filtered {
+        if filter == SampleFilter::Hardware && format.kind != AtlasPart::Filtered {
             return Ok(None);
         }
         let limits = &gpu.caps.limits;
@@ -151,10 +152,11 @@ impl BareCaster {
         size: [u32; 2],
     ) -> Result<Self, GpuError> {
         let format = dense.format;
-        let (source, entries) = match format.kind {
-            AtlasKind::Filtered => (shader::BARE_FILTERED, bindings::VOLUME_FILTERED),
-            AtlasKind::Float => (shader::BARE_FLOAT, bindings::VOLUME_FLOAT),
-            AtlasKind::Uint => (shader::BARE_UINT, bindings::VOLUME_UINT),
+        let entries = bindings::volume_of(format.kind);
+        let source = match format.kind {
+            AtlasPart::Filtered => shader::BARE_FILTERED,
+            AtlasPart::Float => shader::BARE_FLOAT,
+            AtlasPart::Uint => shader::BARE_UINT,
         };
         let module = source.compile(gpu)?;
         let frame = FrameBindings::new(gpu, MAX_LEVELS as usize);

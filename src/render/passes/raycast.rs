@@ -7,24 +7,37 @@ use glam::UVec2;
 use super::BoundsTargets;
 use crate::camera::Projection;
 use crate::gpu::layout::{PixelCounts, RayState};
-use crate::gpu::{GpuContext, GpuError, shader};
+use crate::gpu::shader::{self, AtlasPart, ModePart};
+use crate::gpu::{GpuContext, GpuError};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, FrameInputs};
-use crate::render::residency::{AtlasKind, Residency};
-use crate::scene::{Interpolation, Mode, ShadingModel};
+use crate::render::residency::Residency;
+use crate::scene::{GradientFilter, Interpolation, Jitter, Mode, ShadingModel};
 
 /// Pixels of a work-group.
 const GROUP: [u32; 2] = [8, 8];
+
+/// Pixels in a row of the texture that lists pixels: whole work-groups.
+const LIST_WIDTH: u32 = 1024;
+
+/// What stands in a list where a work-group has no pixel: one that is in no tile.
+const NO_PIXEL: u32 = u32::MAX;
 
 /// What a pipeline is built for. Skipping is not here: with and without it must be equal to the bit, so it is a uniform
 /// (design.md §2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Variant {
-    mode: Mode,
-    atlas: AtlasKind,
+    mode: ModePart,
+    atlas: AtlasPart,
     shaded: bool,
     refined: bool,
     nearest: bool,
+    jittered: bool,
+    filtered_gradients: bool,
+    minimum: bool,
+    /// Of mode iso.
+    surfaces: u32,
+    one_opaque: bool,
     orthographic: bool,
     many_levels: bool,
     many_atlases: bool,
@@ -34,17 +47,62 @@ struct Variant {
 impl Variant {
     fn new(inputs: &FrameInputs<'_>, volume: &Residency, draft: bool) -> Self {
         let settings = inputs.settings;
+        let surfaces = &inputs.classified.surfaces;
         Self {
             many_levels: inputs.rays.used_levels > 1,
             many_atlases: volume.has_many_atlases(),
             draft,
-            mode: settings.mode,
+            mode: match settings.mode {
+                Mode::Dvr if settings.is_preintegrated() => ModePart::Preintegrated,
+                Mode::Dvr | Mode::Xray => ModePart::Post,
+                Mode::Gradient => ModePart::Gradient,
+                Mode::Iso => ModePart::Surfaces,
+                Mode::Mip | Mode::MinIp => ModePart::Extreme,
+                Mode::Mean => ModePart::Mean,
+            },
             atlas: volume.kind(),
             shaded: settings.shading.model == ShadingModel::Phong,
             refined: settings.refine,
             nearest: settings.interpolation == Interpolation::Nearest,
+            jittered: settings.jitter == Jitter::Interleaved,
+            filtered_gradients: settings.shading.gradient == GradientFilter::Filtered,
+            minimum: settings.mode == Mode::MinIp,
+            surfaces: surfaces.len() as u32,
+            one_opaque: matches!(surfaces[..], [s] if s.opacity >= settings.opacity_cutoff),
             orthographic: settings.camera.projection == Projection::Orthographic,
         }
+    }
+
+    /// Values of the shader's `override`s; it has those of its mode only.
+    fn constants(&self) -> Vec<(&'static str, f64)> {
+        let flag = |name, is_set: bool| (name, f64::from(u8::from(is_set)));
+        let mut constants = vec![
+            ("GROUP_WIDTH", f64::from(GROUP[0])),
+            ("GROUP_HEIGHT", f64::from(GROUP[1])),
+            flag("SHADED", self.shaded),
+            flag("NEAREST", self.nearest),
+            flag("JITTERED", self.jittered),
+            flag("FILTERED_GRADIENTS", self.filtered_gradients),
+            flag("ORTHOGRAPHIC", self.orthographic),
+            flag("MANY_LEVELS", self.many_levels),
+            flag("MANY_ATLASES", self.many_atlases),
+            flag("DRAFT", self.draft),
+            flag("EXTREME", self.mode == ModePart::Extreme),
+            flag("MINIMUM", self.minimum),
+            flag(
+                "EXACT_ENDS",
+                self.mode == ModePart::Preintegrated || self.surfaces > 1,
+            ),
+        ];
+        if self.mode == ModePart::Surfaces {
+            constants.extend([
+                ("SURFACES", f64::from(self.surfaces)),
+                flag("ONE_OPAQUE", self.one_opaque),
+                flag("MANY_EVENTS", !self.one_opaque),
+                flag("REFINED", self.refined),
+            ]);
+        }
+        constants
     }
 }
 
@@ -65,17 +123,40 @@ pub(in crate::render) struct RaycastTargets {
     pub(in crate::render) counts: wgpu::Buffer,
     /// Per pixel, where its ray stands.
     rays: wgpu::Buffer,
+    /// The pixels that are cast where not all are.
+    list: wgpu::Texture,
     group: wgpu::BindGroup,
 }
 
 impl RaycastTargets {
-    /// Bytes per pixel: picture and counts with their read-back copies, and the ray's state.
+    /// Bytes per pixel: picture and counts with their read-back copies, the ray's state, and a place in the list.
     pub(in crate::render) const BYTES_PER_PIXEL: u64 =
-        (16 + size_of::<PixelCounts>() as u64) * 2 + size_of::<RayState>() as u64;
+        (16 + size_of::<PixelCounts>() as u64) * 2 + size_of::<RayState>() as u64 + 4;
 
     /// Per pixel, where its ray stands.
     pub(in crate::render) fn rays(&self) -> &wgpu::Buffer {
         &self.rays
+    }
+
+    /// Sends the pixels that are cast, each row << 16 | column within the tile, and no more than it has.
+    pub(in crate::render) fn write_list(&self, gpu: &GpuContext, pixels: &[u32]) {
+        let count = pixels.len() as u32;
+        let mut rows = pixels.to_vec();
+        rows.resize(count.next_multiple_of(LIST_WIDTH) as usize, NO_PIXEL);
+        gpu.queue.write_texture(
+            self.list.as_image_copy(),
+            bytemuck::cast_slice(&rows),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(LIST_WIDTH * 4),
+                rows_per_image: None,
+            },
+            wgpu::Extent3d {
+                width: LIST_WIDTH,
+                height: count.div_ceil(LIST_WIDTH),
+                depth_or_array_layers: 1,
+            },
+        );
     }
 
     /// Every ray at its beginning.
@@ -125,6 +206,21 @@ impl RaycastPass {
         let picture = buffer("raycast.picture", pixels * 16);
         let counts = buffer("raycast.counts", pixels * size_of::<PixelCounts>() as u64);
         let rays = buffer("raycast.rays", pixels * size_of::<RayState>() as u64);
+        let list = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("raycast.pixel_list"),
+            size: wgpu::Extent3d {
+                width: LIST_WIDTH,
+                height: pixels.div_ceil(u64::from(LIST_WIDTH)) as u32,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let list_view = list.create_view(&wgpu::TextureViewDescriptor::default());
         let view = |i: usize| wgpu::BindGroupEntry {
             binding: i as u32,
             resource: wgpu::BindingResource::TextureView(&bounds.views[i]),
@@ -156,12 +252,17 @@ impl RaycastPass {
                     binding: 7,
                     resource: wgpu::BindingResource::Sampler(&self.depth_sampler),
                 },
+                wgpu::BindGroupEntry {
+                    binding: 8,
+                    resource: wgpu::BindingResource::TextureView(&list_view),
+                },
             ],
         });
         RaycastTargets {
             picture,
             counts,
             rays,
+            list,
             group,
         }
     }
@@ -179,17 +280,8 @@ impl RaycastPass {
         if self.pipelines.contains_key(&variant) {
             return Ok(());
         }
-        let source = match variant.atlas {
-            AtlasKind::Filtered => shader::RAYCAST_FILTERED,
-            AtlasKind::Float => shader::RAYCAST_FLOAT,
-            AtlasKind::Uint => shader::RAYCAST_UINT,
-        };
+        let source = shader::caster(shader::RAYCASTERS, variant.mode, variant.atlas);
         let module = source.compile(gpu)?;
-        let entry_point = match variant.mode {
-            Mode::Iso => "cast_iso",
-            Mode::Mip => "cast_mip",
-            _ => "cast_dvr",
-        };
         let pipeline = gpu.checked("building the raycaster", || {
             let layout = gpu
                 .device
@@ -208,20 +300,9 @@ impl RaycastPass {
                     label: Some("raycast.pipeline"),
                     layout: Some(&layout),
                     module: &module,
-                    entry_point: Some(entry_point),
+                    entry_point: Some("cast_rays"),
                     compilation_options: wgpu::PipelineCompilationOptions {
-                        constants: &[
-                            ("GROUP_WIDTH", f64::from(GROUP[0])),
-                            ("GROUP_HEIGHT", f64::from(GROUP[1])),
-                            ("SHADED", f64::from(u8::from(variant.shaded))),
-                            ("REFINED", f64::from(u8::from(variant.refined))),
-                            ("NEAREST", f64::from(u8::from(variant.nearest))),
-                            ("ORTHOGRAPHIC", f64::from(u8::from(variant.orthographic))),
-                            ("MANY_LEVELS", f64::from(u8::from(variant.many_levels))),
-                            ("MANY_ATLASES", f64::from(u8::from(variant.many_atlases))),
-                            ("MAXIMUM", f64::from(u8::from(variant.mode == Mode::Mip))),
-                            ("DRAFT", f64::from(u8::from(variant.draft))),
-                        ],
+                        constants: &variant.constants(),
                         ..Default::default()
                     },
                     cache: None,
@@ -234,6 +315,11 @@ impl RaycastPass {
     /// Work-groups along x and y that a tile of `size` pixels takes.
     pub(in crate::render) fn group_count(size: [u32; 2]) -> UVec2 {
         UVec2::new(size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]))
+    }
+
+    /// Work-groups of a list of `pixels` pixels.
+    pub(in crate::render) fn list_groups(pixels: u32) -> u32 {
+        pixels.div_ceil(GROUP[0] * GROUP[1])
     }
 
     /// Casts `groups` work-groups, which the feedback buffer lists. The pipeline must have been prepared.

@@ -1,0 +1,40 @@
+// Mode mean: the mean of all samples, each weighted by the base steps that it stands for, is classified once.
+
+struct Mode {
+    sum: f32,
+    steps: u32,
+    event: bool,
+    ended: bool,
+}
+
+fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
+    return Mode(state.value, state.count, false, false);
+}
+
+fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
+
+fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
+    let value = sample_value(source.brick, source_offset(source, f32(i)));
+    // Levels of a frame follow each other.
+    let steps = 1u << (*caster).ray.grid.level;
+    (*mode).sum += value * f32(steps);
+    (*mode).steps += steps;
+    (*caster).contributing += 1u;
+}
+
+fn mode_bound(mode: Mode) -> f32 {
+    return 0.0;
+}
+
+fn mode_resolve(mode: ptr<function, Mode>, caster: ptr<function, Cast>, next: i32) -> i32 {
+    return next;
+}
+
+fn mode_end(mode: Mode, caster: Cast, next: i32) -> Outcome {
+    var color = vec4f(0.0);
+    if mode.steps > 0u {
+        let classified = classify_value(caster.ray.grid, mode.sum / f32(mode.steps));
+        color = vec4f(classified.rgb * classified.a, classified.a);
+    }
+    return Outcome(color, 0u, mode.sum, mode.steps);
+}
