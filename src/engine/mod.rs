@@ -3,6 +3,7 @@
 //! Wiring only: it hands the pager's plans to the loader and to `render`, and the same settings to `cpu` when the device is
 //! the CPU. No algorithm lives here, and nothing above it names `render`, `gpu` or `pager`.
 
+mod active;
 mod bare;
 #[cfg(feature = "gpu")]
 mod device;
@@ -15,6 +16,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+pub use active::ActiveShare;
 pub use bare::{BareRate, BareRates};
 pub use options::{
     DeviceChoice, EngineError, EngineOptions, InstructionSet, ReadHook, ReadHookOption,
@@ -102,6 +104,15 @@ impl Engine {
         }
     }
 
+    /// Is the processor what draws, be it as a graphics adapter in software? Its clock then tells what pictures cost.
+    pub fn draws_on_processor(&self) -> bool {
+        match &self.device {
+            Device::Cpu(_) => true,
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.is_software(),
+        }
+    }
+
     /// Sets the bounds of memory anew (as in [`EngineOptions`]). What is resident is dropped, pipelines are kept.
     pub fn set_budgets(&mut self, gpu_memory_bytes: Option<u64>, ram_bytes: u64) {
         self.options.gpu_memory_bytes = gpu_memory_bytes;
@@ -154,6 +165,20 @@ impl Engine {
         stats.converged_ms = Some(wall_ms);
         stats.first_complete_ms = Some(wall_ms);
         Ok(picture)
+    }
+}
+
+// TEMPORARY, on branch `seeds` alone: to be replaced by the method of this signature that leaps.
+impl Engine {
+    /// Draws one frame of a moving camera; without leaping.
+    ///
+    /// # Errors
+    /// As [`Self::render`]; leaping is not built.
+    pub fn draw_moving(&mut self, settings: &PictureSettings) -> Result<Picture, EngineError> {
+        if settings.leap {
+            return Err(EngineError::NotBuilt { what: "leaping" });
+        }
+        self.render(settings)
     }
 }
 
