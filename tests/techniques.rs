@@ -130,7 +130,11 @@ fn smallest_atlas(technique: Technique) {
             ..EngineOptions::default()
         };
         let small = draw(&mut gpu(&store, options), &s, technique);
-        let whole = draw(&mut gpu(&store, EngineOptions::default()), &s, Technique::Default);
+        let whole = draw(
+            &mut gpu(&store, EngineOptions::default()),
+            &s,
+            Technique::Default,
+        );
         let what = format!("{}, {look} with 9 slots", technique.name());
         assert!(coverage(&whole.image) > 0.05, "{what}: nearly empty");
         assert_same_bits(&whole.image, &small.image, &what);
@@ -159,7 +163,10 @@ fn super_sampled(technique: Technique) {
             let what = format!("{}, {} {how:?}", technique.name(), mode.name());
             let [default, other] = check(&mut engine, &store, &s, technique, &what);
             assert_eq!(default.stats.rays, other.stats.rays, "{what}: rays");
-            assert!(other.stats.rays > 70 * 60, "{what}: more than one per pixel");
+            assert!(
+                other.stats.rays > 70 * 60,
+                "{what}: more than one per pixel"
+            );
         }
     }
     let mut wide = settings(&store.store, Mode::Dvr);
@@ -237,7 +244,8 @@ mod multipass {
                 draw(&mut engine, &s, Technique::Default);
                 let picture = draw(&mut engine, &s, TECHNIQUE);
                 assert_same_bits(&default.image, &picture.image, &what);
-                let [a, b] = [&default, &picture].map(|p| (p.stats.samples, p.stats.samples_skipped));
+                let [a, b] =
+                    [&default, &picture].map(|p| (p.stats.samples, p.stats.samples_skipped));
                 if matches!(s.mode, Mode::Mip | Mode::MinIp) {
                     // A brick is judged by the extreme so far: judged more often, it is left earlier.
                     assert!(b.0 <= a.0, "{what}: {b:?} of {a:?} samples");

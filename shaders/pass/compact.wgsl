@@ -29,7 +29,7 @@ fn compact_store(place: u32, pixel: u32) {
 // How many of the first `count` invocations go on.
 fn compact_count(count: u32) -> u32 {
     var sum = 0u;
-    for (var word = 0u; word < count >> 5u; word++) {
+    for (var word = 0u; word < count / 32u; word++) {
         sum += countOneBits(atomicLoad(&compact_bits[word]));
     }
     let rest = count & 31u;

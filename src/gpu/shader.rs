@@ -90,14 +90,7 @@ pub const COMPACT: ShaderSource = ShaderSource {
 /// The samples that are left, before the passes of technique layers.
 pub const LAYERS: ShaderSource = ShaderSource {
     name: "layers",
-    parts: &[
-        TYPES,
-        FRAME,
-        CAST,
-        RAY,
-        INTERVAL,
-        part!("pass/layers.wgsl"),
-    ],
+    parts: &[TYPES, FRAME, CAST, RAY, INTERVAL, part!("pass/layers.wgsl")],
 };
 
 /// Which part reads the atlas.

@@ -441,7 +441,8 @@ impl Renderer {
             }
         }
         let stride = tile.size[0];
-        self.several.count(tile, |[x, y]| counts[(y * stride + x) as usize].samples);
+        self.several
+            .count(tile, |[x, y]| counts[(y * stride + x) as usize].samples);
         Ok(sums)
     }
 
