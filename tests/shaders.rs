@@ -12,10 +12,12 @@ use brickscope::render::bindings::{self, Entries};
 use wgpu::naga::front::wgsl;
 use wgpu::naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use wgpu::naga::{
-    AddressSpace, ImageClass, ImageDimension, Module, ScalarKind, StorageAccess, TypeInner,
+    AddressSpace, ImageClass, ImageDimension, Module, ScalarKind, StorageAccess, StorageFormat,
+    TypeInner,
 };
 use wgpu::{
-    BindGroupLayoutEntry, BindingType, BufferBindingType, TextureSampleType, TextureViewDimension,
+    BindGroupLayoutEntry, BindingType, BufferBindingType, StorageTextureAccess, TextureFormat,
+    TextureSampleType, TextureViewDimension,
 };
 
 /// What the features that `gpu::context` asks for give a shader: nothing beyond WGSL itself, since 16-bit normalised
@@ -280,6 +282,22 @@ fn matches_variable(
                 };
                 kinds && dims == view_dimension && multi == multisampled
             }
+            (
+                TypeInner::Image {
+                    dim: ImageDimension::D2,
+                    arrayed: false,
+                    class:
+                        ImageClass::Storage {
+                            format: StorageFormat::R32Uint,
+                            access,
+                        },
+                },
+                BindingType::StorageTexture {
+                    access: StorageTextureAccess::WriteOnly,
+                    format: TextureFormat::R32Uint,
+                    view_dimension: TextureViewDimension::D2,
+                },
+            ) => *access == StorageAccess::STORE,
             _ => false,
         },
         _ => false,

@@ -20,8 +20,6 @@
 // lib/feedback.wgsl.
 @group(2) @binding(6) var<storage, read_write> feedback: array<atomic<u32>>;
 
-override GROUP_WIDTH: u32 = 8u;
-override GROUP_HEIGHT: u32 = 8u;
 // Phong shading.
 override SHADED: bool = false;
 // Rays go on behind what they have met: surfaces may be translucent.
@@ -38,11 +36,13 @@ struct Cast {
     tile_pixel: vec2u,
     pixel: vec2u,
     ray: Ray,
-    // Mesh interval, brick and block skipping? With and without, the picture is the same to the bit.
+    // Only the part of the ray that the mesh leaves? And there from active block to active block? However it is, the picture
+    // is the same to the bit.
+    is_bounded: bool,
     skips: bool,
     // The ray meets the volume, at this level or at a finer one.
     is_inside: bool,
-    // Nothing to do: outside the picture, or finished before.
+    // Nothing to do: outside the picture, finished before, or waiting for a brick since a pass before.
     is_idle: bool,
     // Samples at levels that are done are in here.
     skipped: u32,
@@ -57,41 +57,13 @@ struct Cast {
 }
 
 fn cast_interval(caster: Cast) -> vec2f {
-    if caster.skips {
+    if caster.is_bounded {
         return interval_of_pixel(caster.tile_pixel, caster.ray.stretch);
     }
     return vec2f(-1e30, 1e30);
 }
 
-// What the host ordered for this dispatch. Not in the uniforms: where a condition depends on uniforms alone, lavapipe puts
-// their values into the code and compiles it anew (half a second) whenever the uniforms change.
-fn cast_order(word: u32) -> u32 {
-    return atomicLoad(&feedback[frame.orders_at + word]);
-}
-
-// The pixel of an invocation in its work-group. Eight in a row of invocations are 4×2 pixels: a software adapter runs them
-// as one, and what they do differs the less the nearer they are.
-fn cast_place(local: vec3u) -> vec2u {
-    let index = local.y * GROUP_WIDTH + local.x;
-    let block = index >> 3u;
-    let blocks_wide = GROUP_WIDTH >> 2u;
-    return vec2u((block % blocks_wide) * 4u + (index & 3u), (block / blocks_wide) * 2u + ((index >> 2u) & 1u));
-}
-
-// The pixel of the tile that an invocation casts: in its place in the picture, or the one that the host listed for it. In one
-// pipeline, so that a pixel is the same to the bit either way.
-fn cast_tile_pixel(group: u32, local: vec3u) -> vec2u {
-    if cast_order(FEEDBACK_PIXELS) != 0u {
-        let number = group * GROUP_WIDTH * GROUP_HEIGHT + local.y * GROUP_WIDTH + local.x;
-        let wide = textureDimensions(pixel_list).x;
-        let pixel = textureLoad(pixel_list, vec2u(number % wide, number / wide), 0).x;
-        return vec2u(pixel & 0xffffu, pixel >> 16u);
-    }
-    let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
-    return vec2u(group % groups_wide, group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + cast_place(local);
-}
-
-// The ray of an invocation, at its beginning or where it stopped. The host lists the work-groups that have something to do.
+// The ray of an invocation, at its beginning or where it stopped.
 fn cast_begin(
     group: vec3u,
     local: vec3u,
@@ -99,16 +71,20 @@ fn cast_begin(
     walk: ptr<function, Walk>,
 ) -> Cast {
     var caster: Cast;
-    caster.group = cast_order(FEEDBACK_GROUPS + group.x);
-    caster.tile_pixel = cast_tile_pixel(caster.group, local);
+    // What a pass before has listed are whole work-groups; otherwise the host lists those that have something to do.
+    let is_compacted = cast_order(FEEDBACK_COMPACTED) != 0u;
+    caster.group = select(cast_order(FEEDBACK_GROUPS + group.x), group.x, is_compacted);
+    caster.tile_pixel = cast_tile_pixel(caster.group, local, is_compacted || cast_order(FEEDBACK_PIXELS) != 0u);
     caster.pixel = frame.tile_origin + caster.tile_pixel;
     caster.limit = cast_order(FEEDBACK_LIMIT);
-    caster.skips = cast_order(FEEDBACK_SKIP) != 0u;
-    caster.is_idle = any(caster.tile_pixel >= frame.part_size);
-    caster.at = min(caster.tile_pixel.y, frame.tile_size.y - 1u) * frame.tile_size.x + min(caster.tile_pixel.x, frame.tile_size.x - 1u);
+    let skip = cast_order(FEEDBACK_SKIP);
+    caster.is_bounded = skip != 0u;
+    caster.skips = skip == SKIP_BLOCKS;
+    caster.is_idle = cast_is_outside(caster.tile_pixel);
+    caster.at = cast_number(caster.tile_pixel);
     if !DRAFT {
         *state = rays[caster.at];
-        caster.is_idle |= ((*state).flags & RAY_FINISHED) != 0u;
+        caster.is_idle |= ((*state).flags & (RAY_FINISHED | RAY_STOPPED)) != 0u;
     }
     var level = 0u;
     if MANY_LEVELS {
@@ -123,17 +99,14 @@ fn cast_begin(
     return caster;
 }
 
-// The next run of samples: with skipping from the walk, without it the whole ray once; then the next coarser level.
+// The next run of samples: with skipping from the walk, without it all of the interval once; then the next coarser level.
 fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool {
     loop {
         if (*caster).skips {
             if walk_next((*caster).ray, walk) {
                 return true;
             }
-        } else if (*walk).next <= (*caster).ray.last {
-            (*walk).first = (*walk).next;
-            (*walk).last = (*caster).ray.last;
-            (*walk).next = (*caster).ray.last + 1;
+        } else if walk_all((*caster).ray, walk) {
             return true;
         }
         if !MANY_LEVELS || (*caster).ray.grid.level + 1u >= frame.used_levels || (*caster).is_idle {
@@ -232,19 +205,22 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     counts[caster.at].contributing += caster.contributing;
     if DRAFT {
         if caster.missed {
-            feedback_pending(caster.at, caster.group, true);
+            cast_pending(caster.at, caster.group, true);
         }
         return;
     }
     var state: RayState;
     state.next = next;
-    let flags = outcome.flags | caster.ray.grid.level | select(0u, RAY_INSIDE, caster.is_inside);
+    // Where passes follow in the same submission, the last of them tells what is not finished.
+    let is_quiet = cast_order(FEEDBACK_QUIET) != 0u;
+    let flags = outcome.flags | caster.ray.grid.level | select(0u, RAY_INSIDE, caster.is_inside)
+        | select(0u, RAY_STOPPED, is_quiet && caster.stopped);
     state.flags = select(RAY_FINISHED, flags, is_pending);
     state.value = outcome.value;
     state.count = outcome.count;
     rays[caster.at] = state;
-    if is_pending {
-        feedback_pending(caster.at, caster.group, caster.stopped);
+    if is_pending && !is_quiet {
+        cast_pending(caster.at, caster.group, caster.stopped);
     }
 }
 
@@ -281,6 +257,8 @@ fn cast_rays(
                 if caster.stopped {
                     break;
                 }
+                // Not behind the dispatch's last sample.
+                let last = min(walk.last, i + i32(min(caster.limit - caster.samples, 1u << 30u)) - 1);
                 loop {
                     mode_take(&mode, &caster, source, i);
                     if FILTERED_GRADIENTS && caster.stopped {
@@ -289,7 +267,7 @@ fn cast_rays(
                     caster.samples += 1u;
                     i += 1;
                     offset = ray_offset(caster.ray, f32(i));
-                    if mode.event || i > walk.last || !brick_contains(brick, offset) {
+                    if mode.event || i > last || !brick_contains(brick, offset) {
                         break;
                     }
                 }

@@ -1,5 +1,7 @@
 //! What an engine is opened with, and what can go wrong.
 
+use std::num::NonZeroU32;
+
 use thiserror::Error;
 
 pub use crate::cpu::InstructionSet;
@@ -68,6 +70,8 @@ pub struct EngineOptions {
     pub max_slots: Option<u64>,
     /// Edge of an atlas texture at most, texels, for tests; more than the adapter's is the adapter's.
     pub max_atlas_edge: u32,
+    /// Samples of a ray in a pass of techniques multipass and layers; `None`: their own.
+    pub pass_samples: Option<NonZeroU32>,
     /// The vector instructions of the CPU renderer, for tests; `None`: the best that the processor has.
     pub instructions: Option<InstructionSet>,
     /// Keep how long each brick waits for its slot, for measurements ([`super::Engine::take_waits_ms`])?
@@ -88,6 +92,7 @@ impl Default for EngineOptions {
             slot_order_seed: 0,
             max_slots: None,
             max_atlas_edge: u32::MAX,
+            pass_samples: None,
             instructions: None,
             keep_waits: false,
             read_hook: None,

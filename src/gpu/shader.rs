@@ -63,6 +63,7 @@ const SHADE: Part = part!("lib/shade.wgsl");
 const INTERVAL: Part = part!("lib/interval.wgsl");
 const WALK: Part = part!("lib/walk.wgsl");
 const FEEDBACK: Part = part!("lib/feedback.wgsl");
+const CAST: Part = part!("lib/cast.wgsl");
 const RAYCAST: Part = part!("pass/raycast.wgsl");
 const GRADIENT: Part = part!("lib/gradient.wgsl");
 const BARE_EXACT: Part = part!("lib/bare_exact.wgsl");
@@ -72,6 +73,24 @@ const BARE: Part = part!("pass/bare.wgsl");
 pub const BOUNDS: ShaderSource = ShaderSource {
     name: "bounds",
     parts: &[TYPES, FRAME, part!("pass/bounds.wgsl")],
+};
+
+/// Which rays are not finished, after several passes.
+pub const REPORT: ShaderSource = ShaderSource {
+    name: "report",
+    parts: &[TYPES, FRAME, CAST, part!("pass/report.wgsl")],
+};
+
+/// The rays that go on, between two passes of technique multipass.
+pub const COMPACT: ShaderSource = ShaderSource {
+    name: "compact",
+    parts: &[TYPES, FRAME, CAST, part!("pass/compact.wgsl")],
+};
+
+/// The samples that are left, before the passes of technique layers.
+pub const LAYERS: ShaderSource = ShaderSource {
+    name: "layers",
+    parts: &[TYPES, FRAME, CAST, RAY, INTERVAL, part!("pass/layers.wgsl")],
 };
 
 /// Which part reads the atlas.
@@ -111,21 +130,21 @@ macro_rules! casters {
                 name: concat!($word, "_", $file, "_filtered"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_filtered.wgsl"), RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), $pass,
                 ],
             }),
             (ModePart::$mode, AtlasPart::Float, ShaderSource {
                 name: concat!($word, "_", $file, "_float"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_float.wgsl"), EXACT, RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), $pass,
                 ],
             }),
             (ModePart::$mode, AtlasPart::Uint, ShaderSource {
                 name: concat!($word, "_", $file, "_uint"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_uint.wgsl"), EXACT, RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), $pass,
                 ],
             }),
         )*];
@@ -207,7 +226,15 @@ pub const BARE_UINT: ShaderSource = ShaderSource {
 };
 
 /// The shaders that are not casters.
-pub const OTHERS: &[ShaderSource] = &[BOUNDS, BARE_FILTERED, BARE_FLOAT, BARE_UINT];
+pub const OTHERS: &[ShaderSource] = &[
+    BOUNDS,
+    REPORT,
+    COMPACT,
+    LAYERS,
+    BARE_FILTERED,
+    BARE_FLOAT,
+    BARE_UINT,
+];
 
 /// Every shader, for the tests.
 pub fn all() -> Vec<ShaderSource> {

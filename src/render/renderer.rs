@@ -2,6 +2,7 @@
 //! rays need.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 
 use glam::{UVec3, Vec4};
 
@@ -9,14 +10,16 @@ use super::feedback::{Feedback, PendingFeedback};
 use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
 use super::passes::{BoundsPass, BoundsTargets, MeshBuffers, RaycastPass, RaycastTargets};
 use super::residency::Residency;
+use super::several::{Flow, SeveralPasses, SeveralTargets};
+use super::spread::spread;
 use crate::geom::morton;
 use crate::gpu::layout::{
-    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_PIXELS, FEEDBACK_SKIP, MAX_GROUPS,
-    PixelCounts, RayState,
+    FEEDBACK_COMPACTED, FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_PIXELS,
+    FEEDBACK_QUIET, FEEDBACK_SKIP, MAX_GROUPS, PixelCounts, RayState, SKIP_BLOCKS, SKIP_OUTSIDE,
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
-use crate::scene::{Classified, Image, RayCounts, add_ray};
+use crate::scene::{Classified, Image, LayerStats, RayCounts, Technique, add_ray};
 
 /// Greatest width and height of a tile, pixels: 2²⁰ rays.
 pub const TILE_EDGE: u32 = 1024;
@@ -50,6 +53,7 @@ pub struct Renderer {
     frame: FrameBindings,
     bounds: BoundsPass,
     raycast: RaycastPass,
+    several: SeveralPasses,
     targets: Option<Targets>,
     mesh: Option<MeshBuffers>,
     levels: usize,
@@ -60,24 +64,35 @@ pub struct Renderer {
 #[derive(Debug)]
 struct Targets {
     size: [u32; 2],
+    technique: Technique,
     /// Bound to them: with another volume they are made anew.
     feedback: wgpu::Buffer,
     bounds: BoundsTargets,
     raycast: RaycastTargets,
+    /// Group 2 of the caster.
+    cast_group: wgpu::BindGroup,
+    /// Of a technique that has several passes.
+    several: Option<SeveralTargets>,
 }
 
 impl Renderer {
     /// The passes that every picture of a volume of `levels` levels needs; the caster's pipelines come with the modes.
+    /// `pass_samples`: samples of a ray in a pass of techniques multipass and layers, where they are not their own.
     ///
     /// # Errors
     /// The device refuses a shader or a pipeline.
-    pub fn new(gpu: &GpuContext, levels: usize) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &GpuContext,
+        levels: usize,
+        pass_samples: Option<NonZeroU32>,
+    ) -> Result<Self, GpuError> {
         let frame = FrameBindings::new(gpu, levels);
         let bounds = BoundsPass::new(gpu, &frame)?;
         Ok(Self {
             bounds,
             raycast: RaycastPass::new(gpu),
             frame,
+            several: SeveralPasses::new(pass_samples),
             targets: None,
             mesh: None,
             levels,
@@ -87,9 +102,10 @@ impl Renderer {
     }
 
     /// The tiles that pictures of `size` are cut into when per-pixel buffers may take `budget_bytes`.
-    pub fn tile_size(size: [u32; 2], budget_bytes: u64) -> [u32; 2] {
+    pub fn tile_size(size: [u32; 2], technique: Technique, budget_bytes: u64) -> [u32; 2] {
+        let bytes_per_pixel = BYTES_PER_PIXEL + Flow::bytes_per_pixel(technique);
         let mut tile = size.map(|s| s.min(TILE_EDGE));
-        while u64::from(tile[0]) * u64::from(tile[1]) * BYTES_PER_PIXEL > budget_bytes
+        while u64::from(tile[0]) * u64::from(tile[1]) * bytes_per_pixel > budget_bytes
             && tile != [64, 64]
         {
             let longer = usize::from(tile[1] > tile[0]);
@@ -102,8 +118,9 @@ impl Renderer {
     }
 
     /// Bytes of the per-pixel buffers of a tile.
-    pub fn tile_bytes(tile: [u32; 2]) -> u64 {
-        u64::from(tile[0] + 2) * u64::from(tile[1] + 2) * BYTES_PER_PIXEL
+    pub fn tile_bytes(tile: [u32; 2], technique: Technique) -> u64 {
+        let bytes_per_pixel = BYTES_PER_PIXEL + Flow::bytes_per_pixel(technique);
+        u64::from(tile[0] + 2) * u64::from(tile[1] + 2) * bytes_per_pixel
     }
 
     /// Bytes of tables and uniforms for volumes of `levels` levels.
@@ -123,7 +140,7 @@ impl Renderer {
             + self
                 .targets
                 .as_ref()
-                .map_or(0, |t| Self::tile_bytes(t.size))
+                .map_or(0, |t| Self::tile_bytes(t.size, t.technique))
             + self.mesh.as_ref().map_or(0, MeshBuffers::bytes)
     }
 
@@ -177,25 +194,38 @@ impl Renderer {
         tile: [u32; 2],
         draft: bool,
     ) -> Result<(), GpuError> {
+        let technique = inputs.settings.technique;
+        let flow = Flow::of(technique, draft, false);
         self.raycast
             .prepare(gpu, inputs, &self.frame, volume, draft)?;
-        if self
-            .targets
-            .as_ref()
-            .is_none_or(|t| t.size != tile || t.feedback != volume.feedback)
-        {
+        self.several.prepare(gpu, inputs, &self.frame, flow)?;
+        if self.targets.as_ref().is_none_or(|t| {
+            t.size != tile || t.technique != technique || t.feedback != volume.feedback
+        }) {
             self.targets = None;
             self.targets = Some(gpu.checked("allocating the picture's buffers", || {
                 let bounds = BoundsTargets::new(gpu, tile.map(|t| t + 2 * BOUNDS_MARGIN));
                 let pixels = u64::from(tile[0]) * u64::from(tile[1]);
-                let raycast = self.raycast.targets(gpu, &bounds, volume, pixels);
+                let raycast = RaycastPass::targets(gpu, pixels);
+                let feedback = volume.feedback.clone();
                 Ok(Targets {
                     size: tile,
-                    feedback: volume.feedback.clone(),
+                    technique,
+                    cast_group: self.raycast.host_group(gpu, &bounds, &raycast, &feedback),
+                    feedback,
                     bounds,
                     raycast,
+                    several: None,
                 })
             })?);
+        }
+        let targets = self.targets.as_mut().filter(|t| t.several.is_none());
+        if let Some(targets) = targets {
+            let of = (&targets.bounds, &targets.raycast);
+            targets.several = gpu.checked("allocating the technique's buffers", || {
+                let (raycast, feedback) = (&self.raycast, &targets.feedback);
+                Ok(self.several.targets(gpu, flow, raycast, of, feedback, tile))
+            })?;
         }
         self.frame.write_tables(gpu, inputs.classified);
         Ok(())
@@ -225,6 +255,7 @@ impl Renderer {
         pixels: PixelList<'_>,
     ) -> Result<(), GpuError> {
         self.read_times(gpu, 3)?;
+        self.several.begin_tile();
         let targets = self
             .targets
             .as_ref()
@@ -255,7 +286,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Casts rays of a tile that was begun.
+    /// Casts rays of a tile that was begun. Technique layers waits until its layers are measured.
     ///
     /// # Errors
     /// The device is lost.
@@ -284,25 +315,18 @@ impl Renderer {
             Self::sort_by_place(tile, cast.is_listed, &mut groups);
             groups = spread(&groups);
         }
-        assert!(
-            groups.len() <= MAX_GROUPS as usize,
-            "invariant: a tile has at most {MAX_GROUPS} work-groups"
-        );
-        let mut orders = vec![0; FEEDBACK_GROUPS as usize];
-        orders[FEEDBACK_LIMIT as usize] = if cast.draft {
-            u32::MAX
-        } else {
-            cast.sample_limit
-        };
-        orders[FEEDBACK_SKIP as usize] = u32::from(inputs.skip);
-        orders[FEEDBACK_PIXELS as usize] = u32::from(cast.is_listed);
-        orders[FEEDBACK_LEVELS as usize] = inputs.rays.levels.len() as u32;
-        orders.extend(&groups);
-        gpu.queue.write_buffer(
-            &volume.feedback,
-            u64::from(places.orders) * 4,
-            bytemuck::cast_slice(&orders),
-        );
+        let flow = Flow::of(inputs.settings.technique, cast.draft, cast.is_listed);
+        let several = targets.several.as_ref().filter(|t| t.flow() == flow);
+        let limit = self.several.pass_samples(flow, cast.sample_limit);
+        write_orders(gpu, inputs, volume, cast, (flow, limit), &groups);
+        let cells = (tile, cast.sample_limit);
+        let plan = self
+            .several
+            .plan(gpu, inputs, &self.frame, several, cells, &mut groups)?;
+        if flow == Flow::Layers {
+            // In the order of their layers.
+            write_orders(gpu, inputs, volume, cast, (flow, limit), &groups);
+        }
         let mut encoder = encoder(gpu, "renderer.cast");
         places.clear(&mut encoder, &volume.feedback);
         {
@@ -310,13 +334,15 @@ impl Renderer {
                 label: Some("raycast"),
                 timestamp_writes: self.timer.compute("raycast"),
             });
-            self.raycast.record(
+            self.several.record(
                 &mut pass,
-                inputs,
                 &self.frame,
-                volume,
-                &targets.raycast,
-                (groups.len() as u32, cast.draft),
+                (several, &targets.cast_group),
+                (&plan, groups.len() as u32),
+                |pass, group| {
+                    self.raycast
+                        .bind(pass, inputs, &self.frame, volume, group, cast.draft);
+                },
             );
         }
         let copy = PendingFeedback::record(gpu, &mut encoder, &volume.feedback, places, dispatch);
@@ -414,7 +440,15 @@ impl Renderer {
                 }
             }
         }
+        let stride = tile.size[0];
+        self.several
+            .count(tile, |[x, y]| counts[(y * stride + x) as usize].samples);
         Ok(sums)
+    }
+
+    /// What technique layers did since the last call; `None` where it did nothing.
+    pub fn take_layer_stats(&mut self) -> Option<LayerStats> {
+        self.several.take_stats()
     }
 
     /// Milliseconds per pass since the last call, where the device has timestamps.
@@ -442,53 +476,51 @@ impl Renderer {
     }
 }
 
+/// Sends what the host orders for a submission that casts `groups`, `limit` samples of a ray in a pass.
+fn write_orders(
+    gpu: &GpuContext,
+    inputs: &FrameInputs<'_>,
+    volume: &Residency,
+    cast: &Cast<'_>,
+    (flow, limit): (Flow, u32),
+    groups: &[u32],
+) {
+    assert!(
+        groups.len() <= MAX_GROUPS as usize,
+        "invariant: a tile has at most {MAX_GROUPS} work-groups"
+    );
+    let mut orders = vec![0; FEEDBACK_GROUPS as usize];
+    let mut order = |word: u32, value| orders[word as usize] = value;
+    order(FEEDBACK_LIMIT, if cast.draft { u32::MAX } else { limit });
+    order(
+        FEEDBACK_SKIP,
+        match (inputs.skip, flow) {
+            (false, _) => 0,
+            (true, Flow::Layers) => SKIP_OUTSIDE,
+            (true, _) => SKIP_BLOCKS,
+        },
+    );
+    order(FEEDBACK_PIXELS, u32::from(cast.is_listed));
+    order(FEEDBACK_COMPACTED, u32::from(flow == Flow::Multipass));
+    order(FEEDBACK_QUIET, u32::from(flow != Flow::Once));
+    order(FEEDBACK_LEVELS, inputs.rays.levels.len() as u32);
+    orders.extend(groups);
+    let place = volume.feedback_places().orders;
+    gpu.queue.write_buffer(
+        &volume.feedback,
+        u64::from(place) * 4,
+        bytemuck::cast_slice(&orders),
+    );
+}
+
 fn encoder(gpu: &GpuContext, label: &str) -> wgpu::CommandEncoder {
     gpu.device
         .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
 }
 
-/// Work-groups that stay together: a square of 4×4 of them.
-const TOGETHER: usize = 16;
-
-/// Work-groups that are sorted by place, in an order for software adapters. These give each thread a contiguous range of the
-/// dispatch, and the costly parts of a picture lie together: squares of work-groups are spread far apart. Inside a square
-/// neighbours follow each other, so that the second finds in the caches what the first has read.
-fn spread(near: &[u32]) -> Vec<u32> {
-    let squares: Vec<&[u32]> = near.chunks(TOGETHER).collect();
-    let stride = spreading_stride(squares.len());
-    (0..squares.len())
-        .flat_map(|i| squares[i * stride % squares.len()])
-        .copied()
-        .collect()
-}
-
-/// A stride through `count` that meets each once and spreads neighbours far apart: near the golden section of `count`, and
-/// coprime with it.
-fn spreading_stride(count: usize) -> usize {
-    let coprime = |a: usize| {
-        let (mut a, mut b) = (a, count);
-        while b != 0 {
-            (a, b) = (b, a % b);
-        }
-        a == 1
-    };
-    let golden = (count as f64 * 0.618) as usize;
-    (golden.max(1)..count).find(|&s| coprime(s)).unwrap_or(1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_group_is_met_once() {
-        for count in [1_u32, 2, 3, 7, 8, 64, 1000, 4096, 128 * 96, 1 << 14] {
-            let groups: Vec<u32> = (0..count).map(|g| g * 3).collect();
-            let mut met = spread(&groups);
-            met.sort_unstable();
-            assert_eq!(met, groups, "{count} groups");
-        }
-    }
 
     #[test]
     fn tiles_cover_the_picture_once() {

@@ -21,4 +21,4 @@ pub use settings::{
     LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
     TransferMode,
 };
-pub use stats::{PictureStats, RayCounts};
+pub use stats::{CellSamples, LayerStats, PictureStats, RayCounts};

@@ -530,13 +530,13 @@ impl GpuDevice {
         live: &Live,
         pending: &mut Vec<PendingFeedback>,
     ) -> Result<Image, EngineError> {
-        let (Some(ready), Some(volume)) = (&live.ready, &mut self.volume) else {
+        let tile = live.ready.as_ref().map(|r| self.tile(r.final_plan()));
+        let (Some(ready), Some(volume), Some(tile)) = (&live.ready, &mut self.volume, tile) else {
             unreachable!("invariant: a draft was begun on a volume")
         };
         let plan = ready.final_plan();
         let inputs = plan.inputs();
         let size = plan.settings.size;
-        let tile = Renderer::tile_size(size, self.budget_bytes / 4);
         let mut image = Image::clear(size);
         for tile in Renderer::tiles(size, tile) {
             self.renderer

@@ -17,7 +17,7 @@ use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
 use crate::pager::AtlasShape;
 use crate::render::{AtlasPlan, Renderer, Residency};
-use crate::scene::{PictureSettings, PictureStats};
+use crate::scene::{PictureSettings, PictureStats, Technique};
 use crate::store::Store;
 
 use classification::{KnownRanges, SeenLevels};
@@ -68,7 +68,7 @@ impl GpuDevice {
             });
         }
         let gpu = GpuContext::open(choice, options.use_optional_features)?;
-        let renderer = Renderer::new(&gpu, levels)?;
+        let renderer = Renderer::new(&gpu, levels, options.pass_samples)?;
         let grids = (0..levels)
             .map(|l| store.level(Lod(l as u8)).grid)
             .collect();
@@ -196,7 +196,8 @@ impl GpuDevice {
 
     /// The tiles of a picture.
     fn tile(&self, plan: &PicturePlan) -> [u32; 2] {
-        Renderer::tile_size(plan.settings.size, self.budget_bytes / 4)
+        let settings = &plan.settings;
+        Renderer::tile_size(settings.size, settings.technique, self.budget_bytes / 4)
     }
 
     /// What the pictures need, worked out here and now.
@@ -218,7 +219,7 @@ impl GpuDevice {
     ) -> Result<ReadyPictures, EngineError> {
         let voxel_bytes = self.store.meta().stored_type.size() as u64;
         let plan = ready.final_plan();
-        let tile = self.tile(plan);
+        let (tile, technique) = (self.tile(plan), plan.settings.technique);
         let coarsest = self.grids.last().map_or(0, BrickGrid::len);
         let least = ready
             .pictures
@@ -234,7 +235,7 @@ impl GpuDevice {
         let wanted = (ready.bricks.visible_with_voxels + coarsest).max(least as u64 + coarsest);
         let pictures = ready.pictures.iter();
         let integrals = pictures.map(|(plan, _)| Renderer::integrals_bytes(&plan.classified));
-        let others = self.other_bytes(tile) + integrals.max().unwrap_or(0);
+        let others = self.other_bytes(tile, technique) + integrals.max().unwrap_or(0);
         let mut plan = self.atlas_plan(wanted, others, voxel_bytes)?;
         let keeps = self.volume.as_ref().is_some_and(|v| {
             let there = v.residency.plan();
@@ -303,9 +304,9 @@ impl GpuDevice {
     }
 
     /// Bytes of everything but the atlas and what its slots need in tables.
-    fn other_bytes(&self, tile: [u32; 2]) -> u64 {
+    fn other_bytes(&self, tile: [u32; 2], technique: Technique) -> u64 {
         Residency::table_bytes(&self.grids, 0)
-            + Renderer::tile_bytes(tile)
+            + Renderer::tile_bytes(tile, technique)
             + burst_bytes(self.budget_bytes)
             + mesh_bytes(self.budget_bytes)
             + Renderer::frame_bytes(self.grids.len())
@@ -338,6 +339,7 @@ impl GpuDevice {
                 self.gpu.info.driver, self.gpu.info.driver_info
             )),
             passes_ms,
+            layers: self.renderer.take_layer_stats(),
             bricks_read: Some(traffic.bricks_read),
             bricks_uploaded: Some(traffic.bricks_uploaded),
             bricks_evicted: Some(traffic.bricks_evicted),

@@ -25,7 +25,7 @@ pub(super) struct PicturePlan {
 impl PicturePlan {
     pub(super) fn new(store: &Store, settings: &PictureSettings) -> Result<Self, EngineError> {
         let (rays, classified) = prepare(store, settings)?;
-        if !matches!(settings.technique, Technique::Default | Technique::Basic) {
+        if settings.technique == Technique::Slab {
             return Err(EngineError::NotBuilt {
                 what: settings.technique.name(),
             });

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use glam::UVec2;
 
 use super::BoundsTargets;
+use super::pipeline::ComputeParts;
 use crate::camera::Projection;
 use crate::gpu::layout::{PixelCounts, RayState};
 use crate::gpu::shader::{self, AtlasPart, ModePart};
@@ -16,6 +17,12 @@ use crate::scene::{GradientFilter, Interpolation, Jitter, Mode, ShadingModel};
 
 /// Pixels of a work-group.
 const GROUP: [u32; 2] = [8, 8];
+
+/// The same as values of the shaders' `override`s.
+pub(super) const GROUP_CONSTANTS: [(&str, f64); 2] = [
+    ("GROUP_WIDTH", GROUP[0] as f64),
+    ("GROUP_HEIGHT", GROUP[1] as f64),
+];
 
 /// Pixels in a row of the texture that lists pixels: whole work-groups.
 const LIST_WIDTH: u32 = 1024;
@@ -76,9 +83,8 @@ impl Variant {
     /// Values of the shader's `override`s; it has those of its mode only.
     fn constants(&self) -> Vec<(&'static str, f64)> {
         let flag = |name, is_set: bool| (name, f64::from(u8::from(is_set)));
-        let mut constants = vec![
-            ("GROUP_WIDTH", f64::from(GROUP[0])),
-            ("GROUP_HEIGHT", f64::from(GROUP[1])),
+        let mut constants = GROUP_CONSTANTS.to_vec();
+        constants.extend([
             flag("SHADED", self.shaded),
             flag("NEAREST", self.nearest),
             flag("JITTERED", self.jittered),
@@ -93,7 +99,7 @@ impl Variant {
                 "EXACT_ENDS",
                 self.mode == ModePart::Preintegrated || self.surfaces > 1,
             ),
-        ];
+        ]);
         if self.mode == ModePart::Surfaces {
             constants.extend([
                 ("SURFACES", f64::from(self.surfaces)),
@@ -123,9 +129,8 @@ pub(in crate::render) struct RaycastTargets {
     pub(in crate::render) counts: wgpu::Buffer,
     /// Per pixel, where its ray stands.
     rays: wgpu::Buffer,
-    /// The pixels that are cast where not all are.
+    /// The pixels that the host lists where not all are cast.
     list: wgpu::Texture,
-    group: wgpu::BindGroup,
 }
 
 impl RaycastTargets {
@@ -136,6 +141,34 @@ impl RaycastTargets {
     /// Per pixel, where its ray stands.
     pub(in crate::render) fn rays(&self) -> &wgpu::Buffer {
         &self.rays
+    }
+
+    pub(super) fn list_view(&self) -> wgpu::TextureView {
+        self.list
+            .create_view(&wgpu::TextureViewDescriptor::default())
+    }
+
+    /// A texture that lists at most `pixels` pixels, filled up to whole work-groups.
+    pub(super) fn list_texture(
+        gpu: &GpuContext,
+        label: &str,
+        pixels: u64,
+        written: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
+        gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width: LIST_WIDTH,
+                height: pixels.div_ceil(u64::from(LIST_WIDTH)) as u32,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | written,
+            view_formats: &[],
+        })
     }
 
     /// Sends the pixels that are cast, each row << 16 | column within the tile, and no more than it has.
@@ -186,13 +219,7 @@ impl RaycastPass {
         }
     }
 
-    pub(in crate::render) fn targets(
-        &self,
-        gpu: &GpuContext,
-        bounds: &BoundsTargets,
-        volume: &Residency,
-        pixels: u64,
-    ) -> RaycastTargets {
+    pub(in crate::render) fn targets(gpu: &GpuContext, pixels: u64) -> RaycastTargets {
         let buffer = |label, size| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -206,26 +233,45 @@ impl RaycastPass {
         let picture = buffer("raycast.picture", pixels * 16);
         let counts = buffer("raycast.counts", pixels * size_of::<PixelCounts>() as u64);
         let rays = buffer("raycast.rays", pixels * size_of::<RayState>() as u64);
-        let list = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("raycast.pixel_list"),
-            size: wgpu::Extent3d {
-                width: LIST_WIDTH,
-                height: pixels.div_ceil(u64::from(LIST_WIDTH)) as u32,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
-        let list_view = list.create_view(&wgpu::TextureViewDescriptor::default());
+        let list = RaycastTargets::list_texture(
+            gpu,
+            "raycast.pixel_list",
+            pixels,
+            wgpu::TextureUsages::COPY_DST,
+        );
+        RaycastTargets {
+            picture,
+            counts,
+            rays,
+            list,
+        }
+    }
+
+    /// Group 2 with the host's list of pixels.
+    pub(in crate::render) fn host_group(
+        &self,
+        gpu: &GpuContext,
+        bounds: &BoundsTargets,
+        targets: &RaycastTargets,
+        feedback: &wgpu::Buffer,
+    ) -> wgpu::BindGroup {
+        self.group(gpu, bounds, targets, feedback, &targets.list_view())
+    }
+
+    /// Group 2 with a list of pixels.
+    pub(super) fn group(
+        &self,
+        gpu: &GpuContext,
+        bounds: &BoundsTargets,
+        targets: &RaycastTargets,
+        feedback: &wgpu::Buffer,
+        list: &wgpu::TextureView,
+    ) -> wgpu::BindGroup {
         let view = |i: usize| wgpu::BindGroupEntry {
             binding: i as u32,
             resource: wgpu::BindingResource::TextureView(&bounds.views[i]),
         };
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("raycast.group"),
             layout: &self.layout,
             entries: &[
@@ -234,19 +280,19 @@ impl RaycastPass {
                 view(2),
                 wgpu::BindGroupEntry {
                     binding: 3,
-                    resource: picture.as_entire_binding(),
+                    resource: targets.picture.as_entire_binding(),
                 },
                 wgpu::BindGroupEntry {
                     binding: 4,
-                    resource: counts.as_entire_binding(),
+                    resource: targets.counts.as_entire_binding(),
                 },
                 wgpu::BindGroupEntry {
                     binding: 5,
-                    resource: rays.as_entire_binding(),
+                    resource: targets.rays.as_entire_binding(),
                 },
                 wgpu::BindGroupEntry {
                     binding: 6,
-                    resource: volume.feedback.as_entire_binding(),
+                    resource: feedback.as_entire_binding(),
                 },
                 wgpu::BindGroupEntry {
                     binding: 7,
@@ -254,17 +300,10 @@ impl RaycastPass {
                 },
                 wgpu::BindGroupEntry {
                     binding: 8,
-                    resource: wgpu::BindingResource::TextureView(&list_view),
+                    resource: wgpu::BindingResource::TextureView(list),
                 },
             ],
-        });
-        RaycastTargets {
-            picture,
-            counts,
-            rays,
-            list,
-            group,
-        }
+        })
     }
 
     /// Builds the pipeline for these settings, if it isn't there yet.
@@ -282,32 +321,15 @@ impl RaycastPass {
         }
         let source = shader::caster(shader::RAYCASTERS, variant.mode, variant.atlas);
         let module = source.compile(gpu)?;
-        let pipeline = gpu.checked("building the raycaster", || {
-            let layout = gpu
-                .device
-                .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                    label: Some("raycast.pipeline"),
-                    bind_group_layouts: &[
-                        Some(&frame.layout),
-                        Some(&volume.layout),
-                        Some(&self.layout),
-                    ],
-                    immediate_size: 0,
-                });
-            Ok(gpu
-                .device
-                .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                    label: Some("raycast.pipeline"),
-                    layout: Some(&layout),
-                    module: &module,
-                    entry_point: Some("cast_rays"),
-                    compilation_options: wgpu::PipelineCompilationOptions {
-                        constants: &variant.constants(),
-                        ..Default::default()
-                    },
-                    cache: None,
-                }))
-        })?;
+        let pipeline = ComputeParts {
+            label: "raycast.pipeline",
+            doing: "building the raycaster",
+            module: &module,
+            entry: "cast_rays",
+            layouts: &[&frame.layout, &volume.layout, &self.layout],
+            constants: &variant.constants(),
+        }
+        .build(gpu)?;
         self.pipelines.insert(variant, pipeline);
         Ok(())
     }
@@ -317,20 +339,26 @@ impl RaycastPass {
         UVec2::new(size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]))
     }
 
+    /// First pixel of a work-group of a tile of `size` pixels.
+    pub(in crate::render) fn group_pixel(size: [u32; 2], group: u32) -> [u32; 2] {
+        let wide = Self::group_count(size).x;
+        [group % wide * GROUP[0], group / wide * GROUP[1]]
+    }
+
     /// Work-groups of a list of `pixels` pixels.
     pub(in crate::render) fn list_groups(pixels: u32) -> u32 {
         pixels.div_ceil(GROUP[0] * GROUP[1])
     }
 
-    /// Casts `groups` work-groups, which the feedback buffer lists. The pipeline must have been prepared.
-    pub(in crate::render) fn record(
+    /// Makes `pass` ready to cast, with `group` as group 2. The pipeline must have been prepared.
+    pub(in crate::render) fn bind(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
         inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
         volume: &Residency,
-        targets: &RaycastTargets,
-        (groups, draft): (u32, bool),
+        group: &wgpu::BindGroup,
+        draft: bool,
     ) {
         let pipeline = self
             .pipelines
@@ -339,7 +367,6 @@ impl RaycastPass {
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &frame.group, &[]);
         pass.set_bind_group(1, &volume.group, &[]);
-        pass.set_bind_group(2, &targets.group, &[]);
-        pass.dispatch_workgroups(groups, 1, 1);
+        pass.set_bind_group(2, group, &[]);
     }
 }
