@@ -156,11 +156,12 @@ fn contributing(rows: &[&SeedRow]) -> Vec<String> {
 
 /// What the errors are of.
 fn errors(rows: &[&SeedRow]) -> String {
-    let mut exact: Vec<&str> = rows
+    let exact: BTreeSet<&str> = rows
         .iter()
+        .filter(|r| r.error_rms.is_some())
         .filter_map(|r| r.error_against.as_deref())
         .collect();
-    exact.dedup();
+    let exact: Vec<&str> = exact.into_iter().collect();
     format!(
         "RMS and 99.9th percentile of the pixels: difference from the pictures of {}, over black, in 255ths",
         exact.join(", of ")
