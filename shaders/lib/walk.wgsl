@@ -88,7 +88,7 @@ fn walk_activity(ray: Ray, walk: Walk, brick: vec3i) -> u32 {
 fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
     let bricks = ray.grid.last + 1;
     // No sample is better than the volume's best.
-    if EXTREME && (*walk).greatest >= select(frame.value_ceiling, -frame.value_floor, MINIMUM) {
+    if EXTREME && (*walk).greatest >= frame.extreme_end {
         return false;
     }
     loop {

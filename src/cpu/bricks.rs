@@ -6,14 +6,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use lru::LruCache;
 use rayon::prelude::*;
 
-use super::extreme::Extreme;
 use super::intervals::{ActiveBrick, Intervals};
 use super::simd::GatherBytes;
 use super::skip::{Seen, far_away};
 use crate::geom::{
     BLOCKS_PER_BRICK, BRICK_EDGE, BrickGrid, BrickId, Lod, STORED_EDGE, STORED_VOXELS,
 };
-use crate::scene::{LevelFrame, RayFrame};
+use crate::scene::{Extreme, LevelFrame, RayFrame};
 use crate::store::{BrickData, BrickReader, Store, StoreError};
 use crate::volume::StoredType;
 

@@ -9,7 +9,6 @@ mod bare;
 mod bricks;
 mod cast;
 mod composite;
-mod extreme;
 mod field;
 mod gradient;
 mod intervals;

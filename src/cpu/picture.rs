@@ -8,7 +8,6 @@ use rayon::prelude::*;
 
 use super::bricks::{BrickCache, CastLevel, LevelClassification, NearBricks, Purpose};
 use super::cast::{Colors, Scene, Search, cast};
-use super::extreme::Extreme;
 use super::field::{Field, VoxelKind, with_voxel_kind};
 use super::intervals::Intervals;
 use super::light::Light;
@@ -19,7 +18,7 @@ use super::surfaces::SurfaceTable;
 use super::table::{SegmentTable, Table};
 use crate::geom::Lod;
 use crate::scene::{
-    AntiAliasing, Classified, Image, Mode, PictureSettings, RayCounts, RayFrame, RaySet,
+    AntiAliasing, Classified, Extreme, Image, Mode, PictureSettings, RayCounts, RayFrame, RaySet,
     ShadingModel, Technique, add_ray,
 };
 use crate::store::{Store, StoreError};
@@ -253,7 +252,7 @@ impl CpuRenderer {
             self.cache.store().check_level(level.lod)?;
             let purpose = match (picture.settings.technique, picture.settings.mode) {
                 (Technique::Basic, _) | (_, Mode::Mean) => Purpose::Everything,
-                (_, mode @ (Mode::Mip | Mode::MinIp)) => Purpose::Extreme(extreme_of(mode)),
+                (_, mode @ (Mode::Mip | Mode::MinIp)) => Purpose::Extreme(Extreme::of_mode(mode)),
                 (_, Mode::Dvr | Mode::Iso | Mode::Xray | Mode::Gradient) => Purpose::Skip(Seen {
                     visibility: classified.visibility.clone(),
                     surfaces: picture
@@ -287,19 +286,10 @@ impl CpuRenderer {
     }
 }
 
-/// What mode mip or minip looks for; of the others it doesn't matter.
-fn extreme_of(mode: Mode) -> Extreme {
-    if mode == Mode::MinIp {
-        Extreme::Least
-    } else {
-        Extreme::Greatest
-    }
-}
-
 fn scene_of(picture: &CpuPicture, stored_type: StoredType) -> Scene<'_> {
     let (settings, classified) = (&picture.settings, &picture.classified);
     let levels = classified.levels.iter();
-    let (extreme, range) = (extreme_of(settings.mode), classified.value_range);
+    let (extreme, range) = (Extreme::of_mode(settings.mode), classified.value_range);
     Scene {
         frame: &picture.frame,
         mode: settings.mode,
@@ -322,7 +312,7 @@ fn scene_of(picture: &CpuPicture, stored_type: StoredType) -> Scene<'_> {
         search: Search {
             sign: extreme.sign(),
             begin: extreme.begin(range),
-            end: extreme.bound(stored_type, range),
+            end: classified.extreme_end,
         },
     }
 }

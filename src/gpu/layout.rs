@@ -95,7 +95,7 @@ shared! {
         bits_at: u32,
         orders_at: u32,
         extreme_scale: f32,
-        pad2: u32,
+        extreme_end: f32,
         pad3: u32,
         pad4: u32,
         levels: [LevelUniforms; MAX_LEVELS as usize],

@@ -353,6 +353,7 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
         lut_last: (table.entries().len() - 1) as f32,
         value_floor: classified.value_range[0],
         value_ceiling: classified.value_range[1],
+        extreme_end: classified.extreme_end,
         gradient_scale: classified.gradient_scale,
         preintegrated_lo,
         preintegrated_scale,

@@ -7,6 +7,7 @@
 
 mod antialias;
 mod classified;
+mod extreme;
 mod frame;
 mod image;
 mod settings;
@@ -14,6 +15,7 @@ mod stats;
 
 pub use antialias::{RaySet, add_ray, differing_pixels};
 pub use classified::{Classified, ClassifiedLevel, ClassifiedSurface, SceneError, default_window};
+pub use extreme::Extreme;
 pub use frame::{GridParams, LevelFrame, LodRule, RayFrame, interleaved_offset, volume_bounds};
 pub use image::Image;
 pub use settings::{

@@ -1,18 +1,29 @@
 //! What modes mip and minip look for, as one search for the greatest: a minimum is the maximum of negated values, and
 //! negation is exact.
 
+use super::Mode;
 use crate::volume::StoredType;
 
-/// Which end of the values along a ray.
+/// Which end of the values along a ray is looked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Extreme {
+pub enum Extreme {
+    /// Mode mip.
     Greatest,
+    /// Mode minip.
     Least,
 }
 
 impl Extreme {
+    /// What mode mip or minip looks for; of the others it doesn't matter.
+    pub const fn of_mode(mode: Mode) -> Self {
+        match mode {
+            Mode::MinIp => Self::Least,
+            _ => Self::Greatest,
+        }
+    }
+
     /// Values times this are searched for the greatest.
-    pub(super) const fn sign(self) -> f32 {
+    pub const fn sign(self) -> f32 {
         match self {
             Self::Greatest => 1.0,
             Self::Least => -1.0,
@@ -25,7 +36,7 @@ impl Extreme {
     /// for whole m and M. Above, as a + (M − a) is at most half a unit of M's last place off, and ties go to M, which is
     /// even in f32; below, as a − m is exact. Between floats each of the three interpolations may leave the range by some
     /// roundings of its greatest number: a weight can be 1, the fraction of a place just below a voxel's centre.
-    pub(super) fn bound(self, stored_type: StoredType, [low, high]: [f32; 2]) -> f32 {
+    pub fn bound(self, stored_type: StoredType, [low, high]: [f32; 2]) -> f32 {
         let end = match self {
             Self::Greatest => high,
             Self::Least => -low,
@@ -37,7 +48,7 @@ impl Extreme {
     }
 
     /// What the search begins with, in a volume of values in `range`.
-    pub(super) fn begin(self, [low, high]: [f32; 2]) -> f32 {
+    pub fn begin(self, [low, high]: [f32; 2]) -> f32 {
         match self {
             Self::Greatest => low,
             Self::Least => -high,
