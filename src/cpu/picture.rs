@@ -22,7 +22,6 @@ use crate::scene::{
     ShadingModel, Technique, add_ray,
 };
 use crate::store::{Store, StoreError};
-use crate::volume::StoredType;
 
 /// Pixels along the edge of a tile: what a thread draws at once.
 pub(super) const TILE: u32 = 32;
@@ -217,7 +216,7 @@ impl CpuRenderer {
                     .collect(),
             );
         }
-        let scene = scene_of(picture, stored_type);
+        let scene = scene_of(picture);
         let threads = rayon::current_num_threads();
         let drawn: Result<Vec<Drawn>, StoreError> = (picture.next_part..last)
             .into_par_iter()
@@ -286,7 +285,7 @@ impl CpuRenderer {
     }
 }
 
-fn scene_of(picture: &CpuPicture, stored_type: StoredType) -> Scene<'_> {
+fn scene_of(picture: &CpuPicture) -> Scene<'_> {
     let (settings, classified) = (&picture.settings, &picture.classified);
     let levels = classified.levels.iter();
     let (extreme, range) = (Extreme::of_mode(settings.mode), classified.value_range);
