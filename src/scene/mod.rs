@@ -10,6 +10,7 @@ mod classified;
 mod frame;
 mod image;
 mod settings;
+mod slab;
 mod stats;
 
 pub use antialias::{RaySet, add_ray, differing_pixels};
@@ -21,4 +22,5 @@ pub use settings::{
     LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
     TransferMode,
 };
+pub use slab::{SlabRim, SlabShape};
 pub use stats::{PictureStats, RayCounts};

@@ -6,4 +6,4 @@ mod raycast;
 
 pub use bare::{BareCaster, DenseLevel};
 pub(super) use bounds::{BoundsPass, BoundsTargets, MeshBuffers};
-pub(super) use raycast::{RaycastPass, RaycastTargets};
+pub(super) use raycast::{CastKind, RaycastPass, RaycastTargets};
