@@ -33,7 +33,7 @@ struct Args {
 fn shape(text: &str) -> Result<SlabShape, Box<dyn Error>> {
     let numbers: Result<Vec<u32>, _> = text.split('x').map(str::parse).collect();
     let [width, height, depth] = numbers?[..] else {
-        return Err(format!("{text:?} is no shape; write 16x8x16").into());
+        return Err(format!("{text:?} is no shape; write 8x8x22").into());
     };
     Ok(SlabShape {
         width,

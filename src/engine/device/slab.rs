@@ -182,3 +182,41 @@ pub(super) fn bricks(
     }
     bricks.into_iter().collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slabs_are_as_deep_as_the_memory_holds() {
+        let shape = SlabShape {
+            width: 8,
+            height: 8,
+            depth: 20,
+        };
+        let bricks_of = |s: SlabShape| 10 + s.depth as usize;
+        let fits = |slots| fitting(shape, slots, bricks_of).map(|s| s.depth);
+        assert_eq!(fits(30), Ok(20));
+        assert_eq!(fits(29), Ok(10), "half");
+        assert_eq!(fits(11), Ok(1));
+        assert_eq!(fits(10), Err(11), "what the shallowest needs");
+    }
+
+    #[test]
+    fn a_work_group_ends_with_the_picture() {
+        let tile = Tile {
+            origin: [100, 200],
+            size: [64, 64],
+            part_size: [50, 20],
+        };
+        let shape = SlabShape {
+            width: 16,
+            height: 8,
+            depth: 4,
+        };
+        let pixel = 17 * 64 + 49;
+        assert_eq!(group_of_pixel(&tile, shape, pixel), [[48, 16], [50, 20]]);
+        let pixels = pixels_of_group(&tile, shape, pixel);
+        assert_eq!(pixels, 16 * 64 + 48..19 * 64 + 50);
+    }
+}
