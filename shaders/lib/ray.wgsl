@@ -64,15 +64,20 @@ fn ray_jitter(pixel: vec2u) -> f32 {
 
 // The part of the pixel's ray that is sampled at `level`.
 fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
-    let u = (f32(pixel.x) + frame.place_in_pixel.x) * (2.0 / f32(frame.picture_size.x)) - 1.0;
-    let v = 1.0 - (f32(pixel.y) + frame.place_in_pixel.y) * (2.0 / f32(frame.picture_size.y));
+    return ray_through(vec2f(pixel), ray_jitter(pixel), level);
+}
+
+// The same for any pixel, also one outside the picture; its samples are moved by `jitter` base steps.
+fn ray_through(pixel: vec2f, jitter: f32, level: u32) -> Ray {
+    let u = (pixel.x + frame.place_in_pixel.x) * (2.0 / f32(frame.picture_size.x)) - 1.0;
+    let v = 1.0 - (pixel.y + frame.place_in_pixel.y) * (2.0 / f32(frame.picture_size.y));
     let world = frame.world_dir[0].xyz + frame.world_dir[1].xyz * u + frame.world_dir[2].xyz * v;
     let dir = frame.levels[level].level_dir[0].xyz + frame.levels[level].level_dir[1].xyz * u
         + frame.levels[level].level_dir[2].xyz * v;
     let origin = frame.levels[level].level_origin[0].xyz + frame.levels[level].level_origin[1].xyz * u
         + frame.levels[level].level_origin[2].xyz * v;
     let step_mm = frame.levels[level].step_mm;
-    let first_mm = frame.first_mm + ray_jitter(pixel) * frame.step_mm;
+    let first_mm = frame.first_mm + jitter * frame.step_mm;
     let stretch = sqrt(dot(world, world));
     let inverse = 1.0 / stretch;
 

@@ -17,7 +17,7 @@ fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let stored = sample_value(source.brick, source_offset(source, f32(i)));
+    let stored = value_at(source, i);
     let value = select(stored, -stored, MINIMUM);
     (*caster).contributing += u32(value > (*mode).greatest);
     (*mode).greatest = max((*mode).greatest, value);

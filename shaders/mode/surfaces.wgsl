@@ -46,7 +46,7 @@ fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {
 }
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let zone = surface_zone(sample_value(source.brick, source_offset(source, f32(i))));
+    let zone = surface_zone(value_at(source, i));
     (*mode).event = (*mode).before == i - 1 && zone != (*mode).zone;
     (*mode).zone_from = (*mode).zone;
     (*mode).zone = zone;

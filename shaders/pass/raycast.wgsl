@@ -1,5 +1,6 @@
-// The caster: one invocation per ray. What a sample does to its ray is told by a file of mode/, each of which has the same
-// functions. The twin is reference::{caster, modes}.
+// What casters have in common: one invocation per ray. What a sample does to its ray is told by a file of mode/, each of which
+// has the same functions; where values and gradients come from, by lib/direct.wgsl and lib/gradient.wgsl or by lib/slab.wgsl.
+// The entry points are in cast_rays.wgsl and cast_slabs.wgsl. The twin is reference::{caster, modes}.
 //
 // A ray that meets a brick that is not there stores its state, asks for the brick, and goes on in a later dispatch: the
 // picture is exact in the end, whatever fits the memory (design.md §2, invariant 2). In a DRAFT nothing waits: the nearest
@@ -102,11 +103,7 @@ fn cast_begin(
 // The next run of samples: with skipping from the walk, without it all of the interval once; then the next coarser level.
 fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool {
     loop {
-        if (*caster).skips {
-            if walk_next((*caster).ray, walk) {
-                return true;
-            }
-        } else if walk_all((*caster).ray, walk) {
+        if cast_next_run_of_level(*caster, walk) {
             return true;
         }
         if !MANY_LEVELS || (*caster).ray.grid.level + 1u >= frame.used_levels || (*caster).is_idle {
@@ -120,6 +117,14 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool
         (*walk).greatest = greatest;
     }
     return false;
+}
+
+// The next one at the ray's level.
+fn cast_next_run_of_level(caster: Cast, walk: ptr<function, Walk>) -> bool {
+    if caster.skips {
+        return walk_next(caster.ray, walk);
+    }
+    return walk_all(caster.ray, walk);
 }
 
 // Samples of the level that skipping has saved, when the level has been left behind.
@@ -222,74 +227,4 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     if is_pending && !is_quiet {
         cast_pending(caster.at, caster.group, caster.stopped);
     }
-}
-
-// The loops below nest run, brick, sample: what belongs to a run or a brick is done once for it. Software adapters execute
-// both sides of every `if`, and a loop's body once more than needed unless it ends in its `break`: hence the shape
-// (ARCHITECTURE.md, "Decisions"). A run is never empty.
-@compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
-fn cast_rays(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(local_invocation_id) local: vec3u,
-) {
-    var state: RayState;
-    var walk: Walk;
-    var caster = cast_begin(group, local, &state, &walk);
-    var color = vec4f(0.0);
-    if !DRAFT {
-        color = picture[caster.at];
-    }
-    var mode = mode_begin(caster, state, color);
-    walk.greatest = mode_bound(mode);
-    var i = state.next;
-    // In the middle of a run, behind something translucent.
-    var resumed = false;
-    var more = cast_next_run(&caster, &walk);
-    loop {
-        while more {
-            mode_next_run(&mode, caster);
-            i = select(walk.first, i, resumed);
-            resumed = false;
-            loop {
-                var offset = ray_offset(caster.ray, f32(i));
-                let brick = brick_at(caster.ray.grid, offset);
-                let source = cast_enter(&caster, brick, f32(i));
-                if caster.stopped {
-                    break;
-                }
-                // Not behind the dispatch's last sample.
-                let last = min(walk.last, i + i32(min(caster.limit - caster.samples, 1u << 30u)) - 1);
-                loop {
-                    mode_take(&mode, &caster, source, i);
-                    if FILTERED_GRADIENTS && caster.stopped {
-                        break;
-                    }
-                    caster.samples += 1u;
-                    i += 1;
-                    offset = ray_offset(caster.ray, f32(i));
-                    if mode.event || i > last || !brick_contains(brick, offset) {
-                        break;
-                    }
-                }
-                caster.paused = !mode.event && caster.samples >= caster.limit;
-                if mode.event || caster.paused || caster.stopped || i > walk.last {
-                    break;
-                }
-            }
-            walk.greatest = mode_bound(mode);
-            more = !mode.event && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
-        }
-        i = mode_resolve(&mode, &caster, i);
-        if !MANY_EVENTS || !mode.event || mode.ended || caster.stopped {
-            break;
-        }
-        mode.event = false;
-        caster.paused = caster.samples >= caster.limit;
-        resumed = i <= walk.last;
-        more = !caster.paused && (resumed || cast_next_run(&caster, &walk));
-        if !more {
-            break;
-        }
-    }
-    cast_end(caster, walk, mode_end(mode, caster, i), i);
 }

@@ -182,7 +182,7 @@ pub const fn volume_of(atlas: AtlasPart) -> Entries {
 
 /// Every shader with its groups, in order.
 pub fn shaders() -> Vec<(ShaderSource, Vec<Entries>)> {
-    let casters = shader::RAYCASTERS.iter();
+    let casters = shader::RAYCASTERS.iter().chain(shader::SLABCASTERS);
     let casters = casters.map(|&(_, atlas, s)| (s, vec![FRAME, volume_of(atlas), RAYCAST]));
     let bare = |source, atlas| (source, vec![FRAME, volume_of(atlas), BARE]);
     [

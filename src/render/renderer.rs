@@ -3,12 +3,15 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
+use std::ops::Range;
 
 use glam::{UVec3, Vec4};
 
 use super::feedback::{Feedback, PendingFeedback};
 use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
-use super::passes::{BoundsPass, BoundsTargets, MeshBuffers, RaycastPass, RaycastTargets};
+use super::passes::{
+    BoundsPass, BoundsTargets, CastKind, MeshBuffers, RaycastPass, RaycastTargets,
+};
 use super::residency::Residency;
 use super::several::{Flow, SeveralPasses, SeveralTargets};
 use super::spread::spread;
@@ -19,7 +22,9 @@ use crate::gpu::layout::{
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
-use crate::scene::{Classified, Image, LayerStats, RayCounts, Technique, add_ray};
+use crate::scene::{
+    AntiAliasing, Classified, Image, LayerStats, RayCounts, SlabShape, Technique, add_ray,
+};
 
 /// Greatest width and height of a tile, pixels: 2²⁰ rays.
 pub const TILE_EDGE: u32 = 1024;
@@ -160,23 +165,29 @@ impl Renderer {
     }
 
     /// Sorts work-groups of a tile, or of its list, so that neighbours in the picture follow each other.
-    pub fn sort_by_place(tile: &Tile, is_listed: bool, groups: &mut [u32]) {
+    pub fn sort_by_place(
+        tile: &Tile,
+        slab: Option<SlabShape>,
+        is_listed: bool,
+        groups: &mut [u32],
+    ) {
         if is_listed {
             // As the list is.
             groups.sort_unstable();
         } else {
-            let wide = RaycastPass::group_count(tile.size).x;
+            let wide = RaycastPass::group_count(tile.size, slab).x;
             groups.sort_unstable_by_key(|&g| morton(UVec3::new(g % wide, g / wide, 0)));
         }
     }
 
-    /// The work-groups of a tile, in the order of the picture; or those of its list.
-    pub fn groups(tile: &Tile, pixels: PixelList<'_>) -> Vec<u32> {
+    /// The work-groups of a tile, in the order of the picture, where rays advance in these slabs or by themselves; or those
+    /// of its list.
+    pub fn groups(tile: &Tile, slab: Option<SlabShape>, pixels: PixelList<'_>) -> Vec<u32> {
         if let Some(list) = pixels {
             return (0..RaycastPass::list_groups(list.len() as u32)).collect();
         }
-        let wide = RaycastPass::group_count(tile.size).x;
-        let part = RaycastPass::group_count(tile.part_size);
+        let wide = RaycastPass::group_count(tile.size, slab).x;
+        let part = RaycastPass::group_count(tile.part_size, slab);
         (0..part.y)
             .flat_map(|y| (0..part.x).map(move |x| y * wide + x))
             .collect()
@@ -196,8 +207,21 @@ impl Renderer {
     ) -> Result<(), GpuError> {
         let technique = inputs.settings.technique;
         let flow = Flow::of(technique, draft, false);
+        let how = if draft {
+            CastKind::Draft
+        } else {
+            CastKind::Tile
+        };
         self.raycast
-            .prepare(gpu, inputs, &self.frame, volume, draft)?;
+            .prepare(gpu, inputs, &self.frame, volume, how)?;
+        let has_list = matches!(
+            inputs.settings.anti_aliasing,
+            AntiAliasing::Selective { .. }
+        );
+        if has_list && !draft {
+            self.raycast
+                .prepare(gpu, inputs, &self.frame, volume, CastKind::List)?;
+        }
         self.several.prepare(gpu, inputs, &self.frame, flow)?;
         if self.targets.as_ref().is_none_or(|t| {
             t.size != tile || t.technique != technique || t.feedback != volume.feedback
@@ -310,9 +334,14 @@ impl Renderer {
         };
         self.frame.write(gpu, inputs, volume, &params);
         let places = volume.feedback_places();
+        let how = match (cast.draft, cast.is_listed) {
+            (true, _) => CastKind::Draft,
+            (false, true) => CastKind::List,
+            (false, false) => CastKind::Tile,
+        };
         let mut groups = cast.groups.to_vec();
         if gpu.caps.is_software {
-            Self::sort_by_place(tile, cast.is_listed, &mut groups);
+            Self::sort_by_place(tile, how.slab(inputs), cast.is_listed, &mut groups);
             groups = spread(&groups);
         }
         let flow = Flow::of(inputs.settings.technique, cast.draft, cast.is_listed);
@@ -341,7 +370,7 @@ impl Renderer {
                 (&plan, groups.len() as u32),
                 |pass, group| {
                     self.raycast
-                        .bind(pass, inputs, &self.frame, volume, group, cast.draft);
+                        .bind(pass, inputs, &self.frame, volume, group, how);
                 },
             );
         }
@@ -365,11 +394,15 @@ impl Renderer {
         self.cast(gpu, inputs, volume, tile, cast)?.wait(gpu)
     }
 
-    /// Where the ray of pixel number `pixel` of the tile's buffers stands.
+    /// Where the rays of pixels number `pixels` of the tile's buffers stand.
     ///
     /// # Errors
     /// The device is lost.
-    pub fn ray_state(&self, gpu: &GpuContext, pixel: u32) -> Result<RayState, GpuError> {
+    pub fn ray_states(
+        &self,
+        gpu: &GpuContext,
+        pixels: Range<u32>,
+    ) -> Result<Vec<RayState>, GpuError> {
         let targets = self
             .targets
             .as_ref()
@@ -377,9 +410,13 @@ impl Renderer {
         let size = size_of::<RayState>() as u64;
         let [bytes] = read_buffers(
             gpu,
-            [(targets.raycast.rays(), u64::from(pixel) * size, size)],
+            [(
+                targets.raycast.rays(),
+                u64::from(pixels.start) * size,
+                pixels.len() as u64 * size,
+            )],
         )?;
-        Ok(bytemuck::pod_read_unaligned(&bytes))
+        Ok(bytemuck::pod_collect_to_vec(&bytes))
     }
 
     /// Reads the pixels of a tile that were cast back into the picture, as ray number `ray[0]` of the `ray[1]` of each.
@@ -529,12 +566,12 @@ mod tests {
         assert_eq!((tiles.len(), pixels), (6, 130 * 70));
         assert_eq!(tiles[2].part_size, [2, 64], "the last of a row is cut");
         assert_eq!(
-            Renderer::groups(&tiles[5], None),
+            Renderer::groups(&tiles[5], None, None),
             [0],
             "2 × 6 pixels are one work-group"
         );
         assert_eq!(
-            Renderer::groups(&tiles[3], None),
+            Renderer::groups(&tiles[3], None, None),
             (0..8).collect::<Vec<u32>>(),
             "64 × 6 pixels"
         );

@@ -242,6 +242,14 @@ impl RayFrame {
         ]
     }
 
+    /// The same of any pixel, also one outside the picture.
+    pub fn plane_of(&self, pixel: [f64; 2]) -> [f64; 2] {
+        let [x, y] = [0, 1].map(|axis| {
+            (pixel[axis] + f64::from(self.place_in_pixel[axis])) * 2.0 / f64::from(self.size[axis])
+        });
+        [x - 1.0, 1.0 - y]
+    }
+
     /// Distance of sample 0 of the ray of pixel (x, y), mm.
     pub fn first_mm_of_pixel(&self, x: u32, y: u32) -> f32 {
         match self.jitter {

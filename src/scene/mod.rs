@@ -11,6 +11,7 @@ mod extreme;
 mod frame;
 mod image;
 mod settings;
+mod slab;
 mod stats;
 
 pub use antialias::{RaySet, add_ray, differing_pixels};
@@ -23,4 +24,5 @@ pub use settings::{
     LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
     TransferMode,
 };
+pub use slab::{SlabRim, SlabShape};
 pub use stats::{CellSamples, LayerStats, PictureStats, RayCounts};

@@ -543,7 +543,7 @@ impl GpuDevice {
                 .begin_tile(&self.gpu, &inputs, &volume.residency, &tile, None)?;
             // Rays of a draft don't stop: fewer of them keep a dispatch short.
             let at_once = DRAFT_GROUPS[usize::from(self.gpu.caps.is_software)];
-            for groups in Renderer::groups(&tile, None).chunks(at_once) {
+            for groups in Renderer::groups(&tile, None, None).chunks(at_once) {
                 let cast = Cast {
                     groups,
                     is_listed: false,

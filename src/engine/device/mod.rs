@@ -7,6 +7,7 @@ mod exact;
 mod live;
 mod paged;
 mod plan;
+mod slab;
 mod waits;
 
 use std::sync::Arc;
@@ -17,7 +18,7 @@ use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
 use crate::pager::AtlasShape;
 use crate::render::{AtlasPlan, Renderer, Residency};
-use crate::scene::{PictureSettings, PictureStats, Technique};
+use crate::scene::{PictureSettings, PictureStats, SlabShape, Technique};
 use crate::store::Store;
 
 use classification::{KnownRanges, SeenLevels};
@@ -231,8 +232,13 @@ impl GpuDevice {
             })
             .max()
             .unwrap_or(1);
-        // Room for the pinned level, and for what one ray needs at once.
-        let wanted = (ready.bricks.visible_with_voxels + coarsest).max(least as u64 + coarsest);
+        let mut together = least;
+        for plan in ready.slab_plans() {
+            slab::check(self.options.slab, &plan.settings, &self.gpu.caps)?;
+            together = together.max(self.slab_bricks(plan, self.options.slab));
+        }
+        // Room for the pinned level, and for what one ray or slab needs at once.
+        let wanted = (ready.bricks.visible_with_voxels + coarsest).max(together as u64 + coarsest);
         let pictures = ready.pictures.iter();
         let integrals = pictures.map(|(plan, _)| Renderer::integrals_bytes(&plan.classified));
         let others = self.other_bytes(tile, technique) + integrals.max().unwrap_or(0);
@@ -259,19 +265,35 @@ impl GpuDevice {
             let plans = ready.pictures.into_iter().map(|(plan, _)| plan).collect();
             ready = self.work_out(plans)?;
         }
-        let Some(volume) = &mut self.volume else {
+        let Some(volume) = &self.volume else {
             unreachable!("invariant: it was just made")
         };
-        if volume.free_capacity() < least {
-            return Err(EngineError::Atlas {
-                needed: (least + volume.capacity() - volume.free_capacity()) as u64,
-                slots: volume.capacity() as u64,
-                budget: self.budget_bytes,
-            });
+        let [slots, free] = [volume.capacity(), volume.free_capacity()];
+        let too_few = |bricks: usize| EngineError::Atlas {
+            needed: (bricks + slots - free) as u64,
+            slots: slots as u64,
+            budget: self.budget_bytes,
+        };
+        if free < least {
+            return Err(too_few(least));
+        }
+        for plan in ready.slab_plans_mut() {
+            let bricks_of = |shape| self.slab_bricks(plan, shape);
+            let shape = slab::fitting(self.options.slab, free, bricks_of).map_err(too_few)?;
+            plan.slab = Some(shape);
         }
         let rays = &ready.final_plan().rays;
-        volume.classify(&self.gpu, rays, &ready.levels, &ready.bricks)?;
+        if let Some(volume) = &mut self.volume {
+            volume.classify(&self.gpu, rays, &ready.levels, &ready.bricks)?;
+        }
         Ok(ready)
+    }
+
+    /// Slots that a slab of a picture may need at once.
+    fn slab_bricks(&self, plan: &PicturePlan, shape: SlabShape) -> usize {
+        slab::slab_bricks(&plan.rays, &plan.settings, shape, |level| {
+            self.grids[usize::from(level.lod.0)].bricks.as_dvec3()
+        })
     }
 
     /// The atlas for `wanted` bricks, or as many as the budget holds beside `others` bytes.

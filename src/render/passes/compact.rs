@@ -116,6 +116,7 @@ impl CompactPass {
                 entry,
                 layouts,
                 constants: &GROUP_CONSTANTS,
+                zero_workgroup_memory: true,
             }
             .build(gpu)
         };

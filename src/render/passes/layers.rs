@@ -103,6 +103,7 @@ impl LayersPass {
             entry: "measure_layers",
             layouts: &[&frame.layout, &report.layout, &self.layout],
             constants: &constants,
+            zero_workgroup_memory: true,
         }
         .build(gpu)?;
         self.pipelines.insert(variant, pipeline);

@@ -13,5 +13,5 @@ pub use bare::{BareCaster, DenseLevel};
 pub(super) use bounds::{BoundsPass, BoundsTargets, MeshBuffers};
 pub(super) use compact::{CompactPass, CompactTargets};
 pub(super) use layers::{LayersPass, LayersTargets};
-pub(super) use raycast::{RaycastPass, RaycastTargets};
+pub(super) use raycast::{CastKind, RaycastPass, RaycastTargets};
 pub(super) use report::ReportPass;

@@ -13,6 +13,8 @@ pub(super) struct ComputeParts<'a> {
     pub(super) layouts: &'a [&'a wgpu::BindGroupLayout],
     /// Values of the shader's `override`s.
     pub(super) constants: &'a [(&'a str, f64)],
+    /// Does workgroup memory begin as zeros?
+    pub(super) zero_workgroup_memory: bool,
 }
 
 impl ComputeParts<'_> {
@@ -37,7 +39,7 @@ impl ComputeParts<'_> {
                     entry_point: Some(self.entry),
                     compilation_options: wgpu::PipelineCompilationOptions {
                         constants: self.constants,
-                        ..Default::default()
+                        zero_initialize_workgroup_memory: self.zero_workgroup_memory,
                     },
                     cache: None,
                 }))

@@ -13,16 +13,20 @@ use crate::gpu::{GpuContext, GpuError};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, FrameInputs};
 use crate::render::residency::Residency;
-use crate::scene::{GradientFilter, Interpolation, Jitter, Mode, ShadingModel};
+use crate::scene::{GradientFilter, Interpolation, Jitter, Mode, ShadingModel, SlabRim, SlabShape};
 
-/// Pixels of a work-group.
+/// Pixels of a work-group whose rays walk by themselves.
 const GROUP: [u32; 2] = [8, 8];
 
 /// The same as values of the shaders' `override`s.
-pub(super) const GROUP_CONSTANTS: [(&str, f64); 2] = [
-    ("GROUP_WIDTH", GROUP[0] as f64),
-    ("GROUP_HEIGHT", GROUP[1] as f64),
-];
+pub(super) const GROUP_CONSTANTS: [(&str, f64); 2] = group_constants(GROUP);
+
+const fn group_constants(group: [u32; 2]) -> [(&'static str, f64); 2] {
+    [
+        ("GROUP_WIDTH", group[0] as f64),
+        ("GROUP_HEIGHT", group[1] as f64),
+    ]
+}
 
 /// Pixels in a row of the texture that lists pixels: whole work-groups.
 const LIST_WIDTH: u32 = 1024;
@@ -49,16 +53,19 @@ struct Variant {
     many_levels: bool,
     many_atlases: bool,
     draft: bool,
+    /// The rays of a work-group advance together, and what that takes.
+    slab: Option<(SlabShape, SlabRim)>,
 }
 
 impl Variant {
-    fn new(inputs: &FrameInputs<'_>, volume: &Residency, draft: bool) -> Self {
+    fn new(inputs: &FrameInputs<'_>, volume: &Residency, how: CastKind) -> Self {
         let settings = inputs.settings;
         let surfaces = &inputs.classified.surfaces;
         Self {
             many_levels: inputs.rays.used_levels > 1,
             many_atlases: volume.has_many_atlases(),
-            draft,
+            draft: how == CastKind::Draft,
+            slab: how.slab(inputs).map(|shape| (shape, SlabRim::of(settings))),
             mode: match settings.mode {
                 Mode::Dvr if settings.is_preintegrated() => ModePart::Preintegrated,
                 Mode::Dvr | Mode::Xray => ModePart::Post,
@@ -83,7 +90,10 @@ impl Variant {
     /// Values of the shader's `override`s; it has those of its mode only.
     fn constants(&self) -> Vec<(&'static str, f64)> {
         let flag = |name, is_set: bool| (name, f64::from(u8::from(is_set)));
-        let mut constants = GROUP_CONSTANTS.to_vec();
+        let group = group_of(self.slab.map(|(shape, _)| shape));
+        // Gradients are taken from neighbours, which may be in bricks where nothing can be seen.
+        let reads_beyond = self.slab.is_some_and(|(_, rim)| rim.sides > 0);
+        let mut constants = group_constants(group).to_vec();
         constants.extend([
             flag("SHADED", self.shaded),
             flag("NEAREST", self.nearest),
@@ -97,9 +107,21 @@ impl Variant {
             flag("MINIMUM", self.minimum),
             flag(
                 "EXACT_ENDS",
-                self.mode == ModePart::Preintegrated || self.surfaces > 1,
+                self.mode == ModePart::Preintegrated || self.surfaces > 1 || reads_beyond,
             ),
         ]);
+        if let Some((shape, rim)) = self.slab {
+            let [wide, high] = shape.span(rim);
+            constants.extend([
+                ("SLAB_DEPTH", f64::from(shape.depth)),
+                ("SLAB_RIM", f64::from(rim.sides)),
+                ("SLAB_FRONT", f64::from(rim.front)),
+                ("SLAB_WIDE", f64::from(wide)),
+                ("SLAB_AREA", f64::from(wide * high)),
+                ("SLAB_VALUES", f64::from(shape.values(rim))),
+                ("SLAB_RAYS", f64::from(shape.rays())),
+            ]);
+        }
         if self.mode == ModePart::Surfaces {
             constants.extend([
                 ("SURFACES", f64::from(self.surfaces)),
@@ -110,6 +132,29 @@ impl Variant {
         }
         constants
     }
+}
+
+/// For what rays are cast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::render) enum CastKind {
+    /// For a picture in which nothing waits.
+    Draft,
+    /// For all pixels of a tile.
+    Tile,
+    /// For listed pixels, which have no neighbours.
+    List,
+}
+
+impl CastKind {
+    /// The slabs in which they advance; `None` where each walks by itself.
+    pub(in crate::render) fn slab(self, inputs: &FrameInputs<'_>) -> Option<SlabShape> {
+        inputs.slab.filter(|_| self == Self::Tile)
+    }
+}
+
+/// Pixels of a work-group.
+fn group_of(slab: Option<SlabShape>) -> [u32; 2] {
+    slab.map_or(GROUP, |shape| [shape.width, shape.height])
 }
 
 /// The pipelines that were needed so far.
@@ -313,21 +358,27 @@ impl RaycastPass {
         inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
         volume: &Residency,
-        draft: bool,
+        how: CastKind,
     ) -> Result<(), GpuError> {
-        let variant = Variant::new(inputs, volume, draft);
+        let variant = Variant::new(inputs, volume, how);
         if self.pipelines.contains_key(&variant) {
             return Ok(());
         }
-        let source = shader::caster(shader::RAYCASTERS, variant.mode, variant.atlas);
+        let (casters, entry) = match variant.slab {
+            None => (shader::RAYCASTERS, "cast_rays"),
+            Some(_) => (shader::SLABCASTERS, "cast_slabs"),
+        };
+        let source = shader::caster(casters, variant.mode, variant.atlas);
         let module = source.compile(gpu)?;
         let pipeline = ComputeParts {
             label: "raycast.pipeline",
             doing: "building the raycaster",
             module: &module,
-            entry: "cast_rays",
+            entry,
             layouts: &[&frame.layout, &volume.layout, &self.layout],
             constants: &variant.constants(),
+            // Whatever is read there was written before.
+            zero_workgroup_memory: false,
         }
         .build(gpu)?;
         self.pipelines.insert(variant, pipeline);
@@ -335,13 +386,14 @@ impl RaycastPass {
     }
 
     /// Work-groups along x and y that a tile of `size` pixels takes.
-    pub(in crate::render) fn group_count(size: [u32; 2]) -> UVec2 {
-        UVec2::new(size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]))
+    pub(in crate::render) fn group_count(size: [u32; 2], slab: Option<SlabShape>) -> UVec2 {
+        let group = group_of(slab);
+        UVec2::new(size[0].div_ceil(group[0]), size[1].div_ceil(group[1]))
     }
 
     /// First pixel of a work-group of a tile of `size` pixels.
     pub(in crate::render) fn group_pixel(size: [u32; 2], group: u32) -> [u32; 2] {
-        let wide = Self::group_count(size).x;
+        let wide = Self::group_count(size, None).x;
         [group % wide * GROUP[0], group / wide * GROUP[1]]
     }
 
@@ -358,11 +410,11 @@ impl RaycastPass {
         frame: &FrameBindings,
         volume: &Residency,
         group: &wgpu::BindGroup,
-        draft: bool,
+        how: CastKind,
     ) {
         let pipeline = self
             .pipelines
-            .get(&Variant::new(inputs, volume, draft))
+            .get(&Variant::new(inputs, volume, how))
             .expect("invariant: prepared before recorded");
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &frame.group, &[]);

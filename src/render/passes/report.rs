@@ -31,6 +31,7 @@ impl ReportPass {
             entry: "report_rays",
             layouts: &[&frame.layout, &layout],
             constants: &GROUP_CONSTANTS,
+            zero_workgroup_memory: true,
         }
         .build(gpu)?;
         Ok(Self { layout, pipeline })
