@@ -219,6 +219,10 @@ fn sharp_edges_are_near_the_default() {
     let store = phantom("phantom:body:100,70,110:u8");
     let mut engine = gpu(&store, EngineOptions::default());
     for (look, mut s) in shared_looks(&store) {
+        // The mean of so much air is transparent.
+        if s.mode == Mode::Mean {
+            continue;
+        }
         s.classification.iso[0].value = 150.3;
         check_engine(&mut engine, &s, 0, SHARP, &format!("body {look}"));
     }
