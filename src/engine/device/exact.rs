@@ -104,7 +104,7 @@ fn parts(set: &RaySet, size: [u32; 2], tile: [u32; 2]) -> VecDeque<Part> {
     let mut lists: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for [x, y] in pixels {
         let list = lists.entry(y / tile[1] * across + x / tile[0]).or_default();
-        list.push((y % tile[1]) << 16 | x % tile[0]);
+        list.push(((y % tile[1]) << 16) | (x % tile[0]));
     }
     let part = |(number, list): (u32, Vec<u32>)| Part {
         tile: tiles[number as usize],
