@@ -13,12 +13,12 @@ use crate::gpu::layout::CELL_EDGE;
 use crate::gpu::{GpuContext, GpuError};
 use crate::scene::{CellSamples, LayerStats, RayFrame, Technique};
 
-/// Samples of a ray in a pass: of technique multipass those of the publication, of layers see ARCHITECTURE.md, 13.
+/// Samples of a ray in a pass: of technique multipass as published, of layers what a software adapter does well with.
 const MULTIPASS_SAMPLES: u32 = 8;
-const LAYERS_SAMPLES: u32 = 16;
+const LAYERS_SAMPLES: u32 = 64;
 
 /// Passes of technique layers until it is measured anew which cells have samples left.
-const LAYERS_PASSES: u32 = 8;
+const LAYERS_PASSES: u32 = 4;
 
 /// Who casts the rays of a submission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
