@@ -153,17 +153,20 @@ pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
         color: Vec3::new(0.9, 0.8, 0.7),
         opacity: 1.0,
     }];
+    let opacity = |low: f64, high: f64| {
+        let points = settings.classification.transfer.opacity.points();
+        let ends = [points[0].x, points[points.len() - 1].x];
+        OpacityCurve::new(vec![
+            OpacityPoint::linear(ends[0], low),
+            OpacityPoint::linear(ends[1], high),
+        ])
+        .expect("rising points")
+    };
     match mode {
         // What is low shows.
-        Mode::MinIp => {
-            let points = settings.classification.transfer.opacity.points();
-            let (first, last) = (points[0].x, points[points.len() - 1].x);
-            settings.classification.transfer.opacity = OpacityCurve::new(vec![
-                OpacityPoint::linear(first, 0.9),
-                OpacityPoint::linear(last, 0.2),
-            ])
-            .expect("rising points");
-        }
+        Mode::MinIp => settings.classification.transfer.opacity = opacity(0.9, 0.2),
+        // Whatever it is shows.
+        Mode::Mean => settings.classification.transfer.opacity = opacity(0.3, 0.9),
         // What is behind shows, too.
         Mode::Xray => settings.classification.opacity_unit_mm = Some(30.0),
         _ => (),
