@@ -57,18 +57,19 @@ fn filtered<L: Lanes, K: VoxelKind>(
 ) -> Vec3<L> {
     let half = l.f(0.5);
     let mut sum = central::<L, K>(l, field, place, at);
-    for axis in 0..3 {
-        for side in [half, l.f(-0.5)] {
-            let mut point = at;
-            point[axis] = at[axis] + side;
-            for n in 0..3 {
-                let (mut after, mut before) = (point, point);
-                after[n] = point[n] + half;
-                before[n] = point[n] - half;
-                let difference = field.value_beside::<K>(l, place, after, lanes)
-                    - field.value_beside::<K>(l, place, before, lanes);
-                sum[n] = sum[n] + difference;
+    // Loops whose ends the compiler doesn't know: unrolled, 36 interpolations in each of 27 casters took minutes to compile.
+    for point_of in 0..std::hint::black_box(6) {
+        let axis = point_of / 2;
+        let mut point = at;
+        point[axis] = at[axis] + if point_of % 2 == 0 { half } else { l.f(-0.5) };
+        for n in 0..std::hint::black_box(3) {
+            let mut values = [point[n]; 2];
+            for (side, value) in [half, l.f(-0.5)].into_iter().zip(&mut values) {
+                let mut tap = point;
+                tap[n] = point[n] + side;
+                *value = field.value_beside::<K>(l, place, tap, lanes);
             }
+            sum[n] = sum[n] + (values[0] - values[1]);
         }
     }
     let points = l.f(7.0);
