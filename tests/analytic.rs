@@ -335,6 +335,7 @@ fn an_xray_of_a_constant_cube_is_its_thickness() {
     let store = plain(field([40; 3], VoxelType::F32, |_| place));
     for step in [0.3, 0.5, 1.0, 2.0] {
         let mut s = settings(&store.store, Mode::Xray);
+        s.classification.opacity_unit_mm = None;
         // Its opacities are not asked for.
         s.classification.transfer = white(&[(0.0, 0.3), (1.0, 0.9)]);
         s.size = [32, 32];

@@ -437,7 +437,8 @@ fn any_atlas_gives_the_same_picture() {
     let store = phantom("phantom:body:200,180,210:u16");
     let pattern = SamplePattern::FourRotated;
     let threshold = 0.04;
-    for mode in Mode::ALL {
+    // A minimum needs too few bricks to be short of slots.
+    for mode in Mode::ALL.into_iter().filter(|&m| m != Mode::MinIp) {
         let s = many_levels(&store, mode);
         for how in [
             AntiAliasing::Full(pattern),
@@ -480,7 +481,8 @@ fn the_mesh_bounds_the_rays_of_every_pattern() {
     let bounds = brickscope::scene::volume_bounds(store.store.meta().dims, &oblique());
     let mut engine = gpu(&store, EngineOptions::default());
     for (n, pattern) in PATTERNS.into_iter().enumerate() {
-        for mode in Mode::ALL {
+        // To a minimum nearly all blocks matter: there is no mesh to speak of.
+        for mode in Mode::ALL.into_iter().filter(|&m| m != Mode::MinIp) {
             for projection in [Projection::Perspective, Projection::Orthographic] {
                 let mut s = settings(&store.store, mode);
                 s.size = [80, 64];

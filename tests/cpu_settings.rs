@@ -337,44 +337,6 @@ fn few_bricks_are_as_good_as_all() {
     }
 }
 
-/// Rays through other places of the pixel than its middle.
-#[test]
-fn rays_may_pass_anywhere_in_a_pixel() {
-    let store = waves(VoxelType::U16);
-    let meta = store.store.meta();
-    let mut s = picture(&store, Mode::Dvr);
-    s.jitter = Jitter::Interleaved;
-    s.size = [61, 47];
-    let params = GridParams {
-        dims: meta.dims,
-        level_scales: meta.levels.iter().map(|l| l.scale).collect(),
-        lod: LodRule::Fixed(Lod(0)),
-        world_from_index: meta.world_from_index,
-        step: s.step,
-        jitter: s.jitter,
-    };
-    let mut pictures = Vec::new();
-    for place in [[0.5, 0.5], [0.0625, 0.9375], [0.875, 0.375]] {
-        let mut frame = RayFrame::new(&s.camera, s.size, &params).unwrap();
-        frame.place_in_pixel = place;
-        let classified = Classified::new(&s, meta, &frame).unwrap();
-        let fields = [VoxelField::new(&store.store, Lod(0), 1 << 30)];
-        let truth = render_reference(&fields, &frame, &classified, &s)
-            .unwrap()
-            .image;
-        for set in InstructionSet::available() {
-            let mut picture = CpuPicture::new(frame.clone(), classified.clone(), s.clone());
-            CpuRenderer::new(&store.store, 1 << 30, set)
-                .draw(&mut picture, u32::MAX)
-                .unwrap();
-            assert_same_bits(&picture.into_image(), &truth, set.name());
-        }
-        pictures.push(truth);
-    }
-    let moved = difference(&pictures[0], &pictures[1], TWIN_BOUND).beyond;
-    assert!(moved > 500, "another place, another picture: {moved}");
-}
-
 #[test]
 fn negative_controls_fail() {
     let store = waves(VoxelType::U16);

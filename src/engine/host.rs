@@ -292,11 +292,6 @@ fn mark(live: &mut Live, event: TickEvent) {
 
 /// A picture made ready to be drawn.
 fn begin(store: &Store, settings: &PictureSettings) -> Result<CpuPicture, EngineError> {
-    if settings.anti_aliasing != AntiAliasing::Off {
-        return Err(EngineError::NotBuilt {
-            what: "super-sampling",
-        });
-    }
     let (frame, classified) = prepare(store, settings)?;
     for level in frame.used() {
         let bricks = store.level(level.lod).grid.len();
