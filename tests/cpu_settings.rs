@@ -17,13 +17,10 @@ mod scenes;
 
 use brickscope::camera::Projection;
 use brickscope::classify::{OpacityCurve, OpacityPoint};
-use brickscope::cpu::{CpuPicture, CpuRenderer, InstructionSet};
 use brickscope::engine::EngineOptions;
 use brickscope::geom::Lod;
-use brickscope::reference::{VoxelField, render as render_reference};
 use brickscope::scene::{
-    Classified, GradientFilter, GridParams, Interpolation, IsoSurface, Jitter, LodChoice, LodRule,
-    Mode, PictureSettings, RayFrame,
+    GradientFilter, Interpolation, IsoSurface, Jitter, LodChoice, Mode, PictureSettings,
 };
 use brickscope::volume::VoxelType;
 use compare::{TWIN_BOUND, assert_same_bits, difference};

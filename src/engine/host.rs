@@ -13,7 +13,7 @@ use crate::clock::Stopwatch;
 use crate::cpu::{CpuPicture, CpuRenderer, CpuTraffic, DenseArray, InstructionSet};
 use crate::geom::Lod;
 use crate::reference;
-use crate::scene::{AntiAliasing, Image, PictureSettings, PictureStats};
+use crate::scene::{Image, PictureSettings, PictureStats};
 use crate::store::Store;
 
 /// Tiles, or other parts, that are in memory beside the picture at most: 16 MiB.
