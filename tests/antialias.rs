@@ -409,7 +409,7 @@ fn more_rays_are_nearer_to_sixteen() {
             mode.name()
         );
         assert!(
-            none > loose && loose > strict,
+            none > strict && none >= loose && loose >= strict,
             "{}: a lower threshold leaves less",
             mode.name()
         );
@@ -481,8 +481,11 @@ fn the_mesh_bounds_the_rays_of_every_pattern() {
     let bounds = brickscope::scene::volume_bounds(store.store.meta().dims, &oblique());
     let mut engine = gpu(&store, EngineOptions::default());
     for (n, pattern) in PATTERNS.into_iter().enumerate() {
-        // To a minimum nearly all blocks matter: there is no mesh to speak of.
-        for mode in Mode::ALL.into_iter().filter(|&m| m != Mode::MinIp) {
+        // To a minimum or a mean nearly all blocks matter: there is no mesh to speak of.
+        for mode in Mode::ALL
+            .into_iter()
+            .filter(|m| ![Mode::MinIp, Mode::Mean].contains(m))
+        {
             for projection in [Projection::Perspective, Projection::Orthographic] {
                 let mut s = settings(&store.store, mode);
                 s.size = [80, 64];
