@@ -11,7 +11,7 @@
 mod support;
 
 use brickscope::classify::{
-    Lut, Occupancy, OpacityCorrection, TransferFunction, Visibility, grey_ramp,
+    Lut, Occupancy, OpacityCorrection, RangeTable, TransferFunction, Visibility, grey_ramp,
 };
 use brickscope::geom::{BLOCKS_PER_BRICK, BrickId, Lod};
 use brickscope::pager::scan;
@@ -96,6 +96,18 @@ fn classification(criterion: &mut Criterion) {
             bencher.iter(|| {
                 for (_, ranges) in &known {
                     black_box(Occupancy::from_ranges(ranges, &visibility));
+                }
+            });
+        });
+        let domain = [0.0, FULL_SCALE as f32];
+        group.bench_function(format!("{name}, table made"), |bencher| {
+            bencher.iter(|| RangeTable::new(&visibility, domain));
+        });
+        let table = RangeTable::new(&visibility, domain);
+        group.bench_function(format!("{name}, by the table"), |bencher| {
+            bencher.iter(|| {
+                for (_, ranges) in &known {
+                    black_box(Occupancy::from_table(ranges, &table));
                 }
             });
         });

@@ -15,7 +15,8 @@ use brickscope::classify::{grey_ramp, read_paraview};
 use brickscope::clock::Stopwatch;
 use brickscope::engine::{DeviceChoice, Engine, EngineOptions, InstructionSet};
 use brickscope::scene::{
-    IsoSurface, Mode, PictureSettings, ShadingModel, default_window, volume_bounds,
+    GradientFilter, IsoSurface, Mode, PictureSettings, ShadingModel, TransferMode, default_window,
+    volume_bounds,
 };
 
 struct Args {
@@ -79,19 +80,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         args.frames
     );
     println!(
-        "{:>7} {:>10} | {:>9} {:>9} {:>9} | ÷ first (CPU)",
+        "{:>14} {:>10} | {:>9} {:>9} {:>9} | ÷ first (CPU)",
         "mode", "renderer", "cpu ms", "wall ms", "Msamples"
     );
-    for (mode, model) in [
-        (Mode::Dvr, ShadingModel::None),
-        (Mode::Dvr, ShadingModel::Phong),
-        (Mode::Iso, ShadingModel::Phong),
-        (Mode::Mip, ShadingModel::None),
-    ] {
-        if mode == Mode::Iso && args.iso.is_none() {
+    for kind in Kind::ALL {
+        if kind.mode() == Mode::Iso && args.iso.is_none() {
             continue;
         }
-        let settings = settings(&args, &engines[0].1, mode, model)?;
+        let settings = settings(&args, &engines[0].1, kind)?;
         let turn = Turn::new(&settings, engines[0].1.meta(), args.frames);
         // CPU ms, wall ms, samples.
         let mut costs = vec![[0.0; 3]; engines.len()];
@@ -109,14 +105,11 @@ fn main() -> Result<(), Box<dyn Error>> {
                 cost[2] += picture.stats.samples as f64;
             }
         }
-        let name = match model {
-            ShadingModel::None => mode.name().to_owned(),
-            ShadingModel::Phong => format!("{} lit", mode.name()),
-        };
         for ((renderer, _), cost) in engines.iter().zip(&costs) {
             let [cpu, wall, samples] = cost.map(|c| c / f64::from(args.frames));
             println!(
-                "{name:>7} {renderer:>10} | {cpu:9.1} {wall:9.1} {:9.2} | {:.2}",
+                "{:>14} {renderer:>10} | {cpu:9.1} {wall:9.1} {:9.2} | {:.2}",
+                kind.name(),
                 samples / 1e6,
                 cost[0] / costs[0][0]
             );
@@ -125,18 +118,60 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn settings(
-    args: &Args,
-    engine: &Engine,
-    mode: Mode,
-    model: ShadingModel,
-) -> Result<PictureSettings, Box<dyn Error>> {
-    let meta = engine.meta();
+/// What is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Plain(Mode),
+    Lit(Mode),
+    /// Mode dvr.
+    Preintegrated,
+    /// Mode dvr, lit.
+    Filtered,
+    /// Four translucent surfaces from the value of `--iso` upwards.
+    Translucent,
+}
+
+impl Kind {
+    const ALL: [Self; 11] = [
+        Self::Plain(Mode::Dvr),
+        Self::Lit(Mode::Dvr),
+        Self::Lit(Mode::Iso),
+        Self::Plain(Mode::Mip),
+        Self::Plain(Mode::MinIp),
+        Self::Plain(Mode::Mean),
+        Self::Plain(Mode::Xray),
+        Self::Lit(Mode::Gradient),
+        Self::Preintegrated,
+        Self::Filtered,
+        Self::Translucent,
+    ];
+
+    fn mode(self) -> Mode {
+        match self {
+            Self::Plain(mode) | Self::Lit(mode) => mode,
+            Self::Preintegrated | Self::Filtered => Mode::Dvr,
+            Self::Translucent => Mode::Iso,
+        }
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Plain(mode) => mode.name().to_owned(),
+            Self::Lit(mode) => format!("{} lit", mode.name()),
+            Self::Preintegrated => "pre-integrated".into(),
+            Self::Filtered => "dvr filtered".into(),
+            Self::Translucent => "four surfaces".into(),
+        }
+    }
+}
+
+fn settings(args: &Args, engine: &Engine, kind: Kind) -> Result<PictureSettings, Box<dyn Error>> {
+    let (meta, mode) = (engine.meta(), kind.mode());
     let transfer = match &args.tf {
         Some(path) => read_paraview(path)?.swap_remove(0),
         None => {
             let [low, high] = default_window(meta);
-            grey_ramp(low, high, if mode == Mode::Mip { 1.0 } else { 0.5 })?
+            grey_ramp(low, high, if mode.projects() { 1.0 } else { 0.5 })?
         }
     };
     let bounds = volume_bounds(meta.dims, &meta.world_from_index);
@@ -144,11 +179,26 @@ fn settings(
     let mut settings = PictureSettings::new(mode, transfer, camera);
     settings.size = [512, 512];
     settings.classification.opacity_unit_mm = args.unit_mm;
-    settings
-        .classification
-        .iso
-        .extend(args.iso.map(IsoSurface::opaque));
-    settings.shading.model = model;
+    let surfaces = &mut settings.classification.iso;
+    surfaces.extend(args.iso.map(IsoSurface::opaque));
+    if let (Kind::Translucent, Some(value)) = (kind, args.iso) {
+        *surfaces = (0..4_u8)
+            .map(|n| IsoSurface {
+                opacity: 0.4,
+                ..IsoSurface::opaque(value * (1.0 + 0.1 * f64::from(n)))
+            })
+            .collect();
+    }
+    settings.shading.model = match kind {
+        Kind::Plain(_) | Kind::Preintegrated => ShadingModel::None,
+        Kind::Lit(_) | Kind::Filtered | Kind::Translucent => ShadingModel::Phong,
+    };
+    if kind == Kind::Filtered {
+        settings.shading.gradient = GradientFilter::Filtered;
+    }
+    if kind == Kind::Preintegrated {
+        settings.classification.transfer_mode = TransferMode::Preintegrated;
+    }
     settings.step = 1.0;
     Ok(settings)
 }

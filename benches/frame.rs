@@ -1,4 +1,4 @@
-//! What a frame costs: the default technique against `basic`, on the first graphics adapter (the software one first).
+//! What a frame costs: the default technique against others (`basic`, where none is named), on the first graphics adapter (the software one first).
 //!
 //! Measures: process-CPU and wall milliseconds per frame over a turn of small steps, everything resident after one
 //! warm-up frame, mesh and visibility made anew for each frame as `render` does. Does not measure: reading, decoding,
@@ -6,7 +6,9 @@
 //! machine.
 //!
 //! `cargo bench --bench frame -- STORE.bsk [--frames N] [--size N] [--iso VALUE] [--mode M] [--shading none|phong]
-//! [--step S] [--filter hardware] [--tf FILE.json] [--camera orbit|turntable] [--technique T]`
+//! [--step S] [--filter hardware] [--tf FILE.json] [--camera orbit|turntable] [--technique T[:SAMPLES]]…`
+//!
+//! SAMPLES: of a ray in a pass, of techniques multipass and layers. Each technique has an engine of its own.
 
 #[cfg(not(feature = "gpu"))]
 fn main() {
@@ -21,6 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 #[cfg(feature = "gpu")]
 mod gpu {
     use std::error::Error;
+    use std::num::NonZeroU32;
     use std::path::PathBuf;
 
     use brickscope::camera::Camera;
@@ -43,7 +46,41 @@ mod gpu {
         shading: Option<ShadingModel>,
         tf: Option<PathBuf>,
         turntable: bool,
-        techniques: Vec<Technique>,
+        techniques: Vec<Contestant>,
+    }
+
+    #[derive(Clone, Copy)]
+    struct Contestant {
+        technique: Technique,
+        pass_samples: Option<NonZeroU32>,
+    }
+
+    impl Contestant {
+        const fn of(technique: Technique) -> Self {
+            Self {
+                technique,
+                pass_samples: None,
+            }
+        }
+
+        fn parse(word: &str) -> Result<Self, Box<dyn Error>> {
+            let (name, samples) = word.split_once(':').unwrap_or((word, ""));
+            let technique = Technique::ALL.into_iter().find(|t| t.name() == name);
+            Ok(Self {
+                technique: technique.ok_or_else(|| format!("no technique {name}"))?,
+                pass_samples: match samples {
+                    "" => None,
+                    n => Some(n.parse()?),
+                },
+            })
+        }
+
+        fn name(self) -> String {
+            match self.pass_samples {
+                Some(n) => format!("{}:{n}", self.technique.name()),
+                None => self.technique.name().to_owned(),
+            }
+        }
     }
 
     fn args() -> Result<Args, Box<dyn Error>> {
@@ -58,7 +95,7 @@ mod gpu {
             shading: None,
             tf: None,
             turntable: false,
-            techniques: vec![Technique::Default, Technique::Basic],
+            techniques: Vec::new(),
         };
         let mut words = std::env::args().skip(1).filter(|w| w != "--bench");
         while let Some(word) = words.next() {
@@ -84,13 +121,15 @@ mod gpu {
                 "--tf" => out.tf = Some(value()?.into()),
                 "--camera" => out.turntable = value()? == "turntable",
                 "--technique" => {
-                    out.techniques = vec![match value()?.as_str() {
-                        "basic" => Technique::Basic,
-                        _ => Technique::Default,
-                    }]
+                    out.techniques.push(Contestant::parse(&value()?)?);
                 }
                 _ => out.store = word.into(),
             }
+        }
+        if out.techniques.is_empty() {
+            out.techniques = [Technique::Default, Technique::Basic]
+                .map(Contestant::of)
+                .to_vec();
         }
         if out.store.as_os_str().is_empty() {
             return Err(
@@ -111,21 +150,26 @@ mod gpu {
 
     pub(super) fn main() -> Result<(), Box<dyn Error>> {
         let args = args()?;
-        let options = EngineOptions {
-            device: DeviceChoice::SoftwareGpu,
-            filter: args.filter,
-            ..EngineOptions::default()
+        let engine = |contestant: &Contestant| {
+            let options = EngineOptions {
+                device: DeviceChoice::SoftwareGpu,
+                filter: args.filter,
+                pass_samples: contestant.pass_samples,
+                ..EngineOptions::default()
+            };
+            Engine::open(&args.store, options)
         };
-        let mut engine = Engine::open(&args.store, options)?;
+        let engines: Result<Vec<Engine>, _> = args.techniques.iter().map(engine).collect();
+        let mut engines = engines?;
         println!(
             "{}, {}, {}², step {}",
-            engine.device_name(),
+            engines[0].device_name(),
             args.store.display(),
             args.size,
             args.step
         );
         println!(
-            "{:>6} {:>6} {:>8} | {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} | ratio (CPU)",
+            "{:>6} {:>6} {:>12} | {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} | ratio (CPU)",
             "mode",
             "shaded",
             "tech",
@@ -137,7 +181,8 @@ mod gpu {
             "M contr.",
             "triangles"
         );
-        let meta = engine.meta();
+        let meta = engines[0].meta().clone();
+        let meta = &meta;
         let [low, high] = default_window(meta);
         let iso = args.iso.unwrap_or(0.5 * (low + high));
         let bounds = volume_bounds(meta.dims, &meta.world_from_index);
@@ -189,17 +234,17 @@ mod gpu {
             let techniques = &args.techniques;
             let mut costs: Vec<Cost> = techniques.iter().map(|_| Cost::default()).collect();
             // Warm-up: pipelines, and the bricks of all.
-            for &technique in techniques {
-                engine.render(&settings(technique, 0)?)?;
+            for (contestant, engine) in techniques.iter().zip(&mut engines) {
+                engine.render(&settings(contestant.technique, 0)?)?;
             }
             for frame in 0..args.frames {
                 // Who comes second finds the bricks of this view in the caches: they take turns.
                 for turn in 0..techniques.len() {
                     let which = (frame as usize + turn) % techniques.len();
                     let (technique, cost) = (techniques[which], &mut costs[which]);
-                    let settings = settings(technique, frame)?;
+                    let settings = settings(technique.technique, frame)?;
                     let watch = Stopwatch::start();
-                    let picture = engine.render(&settings)?;
+                    let picture = engines[which].render(&settings)?;
                     let elapsed = watch.elapsed();
                     cost.cpu_ms += elapsed.cpu_ms.ok_or("no clock of CPU time")?;
                     cost.wall_ms += elapsed.wall_ms;
@@ -217,7 +262,7 @@ mod gpu {
             for (technique, cost) in techniques.iter().zip(&costs) {
                 let tech = technique.name();
                 println!(
-                    "{name:>6} {shaded:>6} {tech:>8} | {:9.1} {:9.1} {:9.1} {:9.1} {:9.2} {:9.2} {:9} | {:.2}",
+                    "{name:>6} {shaded:>6} {tech:>12} | {:9.1} {:9.1} {:9.1} {:9.1} {:9.2} {:9.2} {:9} | {:.2}",
                     cost.cpu_ms / n,
                     cost.wall_ms / n,
                     cost.raycast_ms / n,

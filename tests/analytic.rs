@@ -16,17 +16,30 @@ use brickscope::camera::{Camera, Projection};
 use brickscope::classify::{
     ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction,
 };
-use brickscope::scene::{Image, Mode, PictureSettings, volume_bounds};
+use brickscope::engine::EngineOptions;
+use brickscope::scene::{
+    GradientFilter, Image, IsoSurface, Jitter, Mode, PictureSettings, ShadingModel, TransferMode,
+    volume_bounds,
+};
 use brickscope::volume::{Rescale, VoxelType};
-use compare::coverage;
-use glam::{DVec3, Vec4};
+use compare::{assert_same_bits, coverage};
+use glam::{DVec3, Vec3, Vec4};
 use memory_source::MemorySource;
-use scenes::{TestStore, drawn, field, reference, settings, store_of};
+use scenes::{TestStore, cpu, drawn, field, reference, settings, store_of};
 
 /// The picture of both renderers, by name.
 fn both(store: &TestStore, settings: &PictureSettings) -> [(&'static str, Image); 2] {
     [
         ("GPU", drawn(store, settings).image),
+        ("reference", reference(store, settings).image),
+    ]
+}
+
+/// The picture of both renderers that need no graphics adapter, by name.
+fn without_gpu(store: &TestStore, settings: &PictureSettings) -> [(&'static str, Image); 2] {
+    let mut engine = cpu(store, EngineOptions::default());
+    [
+        ("CPU", engine.render(settings).unwrap().image),
         ("reference", reference(store, settings).image),
     ]
 }
@@ -39,8 +52,14 @@ fn plain(mut source: MemorySource) -> TestStore {
 
 /// A white transfer function of opacity `a` everywhere.
 fn constant_opacity(a: f64) -> TransferFunction {
+    white(&[(0.0, a)])
+}
+
+/// A white one of these opacities at these values.
+fn white(opacities: &[(f64, f64)]) -> TransferFunction {
+    let points = opacities.iter().map(|&(x, a)| OpacityPoint::linear(x, a));
     TransferFunction {
-        name: "constant".into(),
+        name: "white".into(),
         color: ColorCurve::new(
             vec![ColorPoint {
                 x: 0.0,
@@ -49,7 +68,7 @@ fn constant_opacity(a: f64) -> TransferFunction {
             ColorSpace::Rgb,
         )
         .unwrap(),
-        opacity: OpacityCurve::new(vec![OpacityPoint::linear(0.0, a)]).unwrap(),
+        opacity: OpacityCurve::new(points.collect()).unwrap(),
     }
 }
 
@@ -104,7 +123,7 @@ fn a_sphere_has_the_silhouette_and_the_normals_of_a_sphere() {
     }));
     let mut s = settings(&store.store, Mode::Iso);
     s.classification.iso[0].value = 0.5;
-    s.classification.iso[0].color = glam::Vec3::ONE;
+    s.classification.iso[0].color = Vec3::ONE;
     s.shading.specular = 0.0;
     (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
     s.size = [128, 128];
@@ -140,7 +159,7 @@ fn a_linear_ramp_has_one_exact_gradient() {
     let store = plain(field([96, 40, 40], VoxelType::F32, |p| p.x));
     let mut s = settings(&store.store, Mode::Iso);
     s.classification.iso[0].value = 0.5;
-    s.classification.iso[0].color = glam::Vec3::ONE;
+    s.classification.iso[0].color = Vec3::ONE;
     s.shading.specular = 0.0;
     (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
     let center = volume_bounds(
@@ -225,5 +244,331 @@ fn one_voxel_axes_are_one_voxel_thick() {
             alpha > of(0.9) - 1e-4 && alpha < of(1.1) + 1e-4,
             "{name}: {alpha}"
         );
+    }
+}
+
+/// The opacity in the middle of the picture.
+fn middle(image: &Image) -> f64 {
+    f64::from(image.pixels[(image.height / 2 * image.width + image.width / 2) as usize].w)
+}
+
+#[test]
+fn the_minimum_of_one_dark_voxel_is_that_voxel() {
+    // As of one bright voxel.
+    let dark = DVec3::new(32.0, 31.0, 32.0);
+    let store = plain(field([64; 3], VoxelType::U8, |p| {
+        f64::from(u8::from((p * 64.0).floor() != dark))
+    }));
+    let mut s = settings(&store.store, Mode::MinIp);
+    s.classification.transfer = white(&[(0.0, 1.0), (255.0, 0.0)]);
+    s.step = 0.05;
+    s.size = [129, 129];
+    s.camera = ortho(dark, 12.9);
+    for (name, image) in without_gpu(&store, &s) {
+        let peak = middle(&image);
+        assert!(peak > 0.97 && peak <= 1.0, "{name}: the peak is {peak}");
+        for (i, pixel) in image.pixels.iter().enumerate() {
+            let (x, z) = ((i % 129) as f64 - 64.0, (i / 129) as f64 - 64.0);
+            let (dx, dz) = (x.abs() * 0.1, z.abs() * 0.1);
+            let tent = (1.0 - dx).max(0.0) * (1.0 - dz).max(0.0);
+            assert!(
+                (f64::from(pixel.w) - tent).abs() < 0.03,
+                "{name}: pixel {i} at ({dx}, {dz}): {} is not {tent}",
+                pixel.w
+            );
+        }
+    }
+}
+
+#[test]
+fn the_mean_of_a_ramp_is_its_middle() {
+    // Along the rays: samples cover the ramp evenly, to half a step at each end. Across them: every ray has one value.
+    let along = plain(field([40, 60, 40], VoxelType::F32, |p| p.y));
+    let across = plain(field([60, 40, 40], VoxelType::F32, |p| p.x));
+    for step in [0.3, 1.0, 2.0] {
+        let mut s = settings(&along.store, Mode::Mean);
+        s.classification.transfer = white(&[(0.0, 0.0), (1.0, 1.0)]);
+        s.size = [31, 31];
+        s.step = step;
+        s.camera = ortho(DVec3::new(19.5, 29.5, 19.5), 20.0);
+        for (name, image) in without_gpu(&along, &s) {
+            let mean = middle(&image);
+            let bound = step / 2.0 / 60.0 + 1e-5;
+            assert!((mean - 0.5).abs() < bound, "{name}, step {step}: {mean}");
+        }
+        s.camera = ortho(DVec3::new(29.5, 19.5, 19.5), 31.0);
+        for (name, image) in without_gpu(&across, &s) {
+            for x in 0..31 {
+                // A pixel a millimetre, +x to the left.
+                let value = (30.0 + f64::from(15 - x)) / 60.0;
+                let mean = f64::from(image.pixels[(15 * 31 + x) as usize].w);
+                assert!(
+                    (mean - value).abs() < 1e-5,
+                    "{name}, step {step}, pixel {x}: {mean} is not {value}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn jitter_leaves_the_mean_of_a_constant_alone() {
+    // Sums of up to 2¹⁶ samples of 128 are exact in f32.
+    let store = plain(field([40; 3], VoxelType::U8, |_| 128.0 / 255.0));
+    let mut s = settings(&store.store, Mode::Mean);
+    s.classification.transfer = white(&[(0.0, 0.0), (255.0, 1.0)]);
+    s.size = [32, 32];
+    s.camera = ortho(DVec3::splat(19.5), 20.0);
+    let plain = reference(&store, &s).image;
+    assert!((middle(&plain) - 128.0 / 255.0).abs() < 1e-6, "the value");
+    s.jitter = Jitter::Interleaved;
+    for (name, image) in without_gpu(&store, &s) {
+        assert_same_bits(&image, &plain, name);
+    }
+}
+
+#[test]
+fn an_xray_of_a_constant_cube_is_its_thickness() {
+    // Grey and opacity per millimetre are the value's place p in the window: 1 − (1 − p)^(39 mm), to a sample, whatever
+    // the step.
+    let place = 0.02;
+    let store = plain(field([40; 3], VoxelType::F32, |_| place));
+    for step in [0.3, 0.5, 1.0, 2.0] {
+        let mut s = settings(&store.store, Mode::Xray);
+        s.classification.opacity_unit_mm = None;
+        // Its opacities are not asked for.
+        s.classification.transfer = white(&[(0.0, 0.3), (1.0, 0.9)]);
+        s.size = [32, 32];
+        s.step = step;
+        s.camera = ortho(DVec3::splat(19.5), 20.0);
+        for (name, image) in without_gpu(&store, &s) {
+            let alpha = middle(&image);
+            let of = |samples: f64| 1.0 - (1.0 - place).powf(samples * step);
+            let (low, high) = (of((39.0 / step).floor()), of((39.0 / step).floor() + 1.0));
+            assert!(
+                alpha > low - 2e-5 && alpha < high + 2e-5,
+                "{name}, step {step}: {alpha} is not in {low}…{high}"
+            );
+            let grey = f64::from(image.pixels[16 * 32 + 16].x);
+            assert!(
+                (grey - place * alpha).abs() < 1e-5,
+                "{name}, step {step}: {grey} is not {place} of {alpha}"
+            );
+        }
+    }
+}
+
+#[test]
+fn gradients_make_opacity() {
+    // A ramp of 1/60 per millimetre, in a window of 1: a quarter of it per millimetre would be opaque in full.
+    let store = plain(field([40, 60, 40], VoxelType::F32, |p| p.y));
+    let strength = 4.0 / 60.0;
+    for step in [0.5, 1.0, 2.0] {
+        let mut s = settings(&store.store, Mode::Gradient);
+        s.classification.transfer = white(&[(0.0, 0.2), (1.0, 0.2)]);
+        s.size = [16, 16];
+        s.step = step;
+        s.camera = ortho(DVec3::new(19.5, 29.5, 19.5), 20.0);
+        for filter in [GradientFilter::Central, GradientFilter::Filtered] {
+            s.shading.gradient = filter;
+            for (name, image) in without_gpu(&store, &s) {
+                let alpha = middle(&image);
+                let of = |samples: f64| 1.0 - 0.8_f64.powf(samples * step * strength);
+                // At the ends the ramp goes on as a constant, within a voxel: a sample or two have less of a gradient.
+                let count = (59.0 / step).floor();
+                let (low, high) = (of(count - 2.0 / step), of(count + 1.0));
+                assert!(
+                    alpha > low - 2e-5 && alpha < high + 2e-5,
+                    "{name}, {filter:?}, step {step}: {alpha} is not in {low}…{high}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn two_translucent_spheres_lie_in_each_other() {
+    // From outside in and out again: outer, inner, inner, outer.
+    let (outer, inner) = (20.0, 10.0);
+    let store = plain(field([64; 3], VoxelType::F32, |p| {
+        0.5 + (outer - ((p - 0.5) * 64.0).length()) / 48.0
+    }));
+    let surface = |radius: f64, color, opacity| IsoSurface {
+        value: 0.5 + (outer - radius) / 48.0,
+        color,
+        opacity,
+    };
+    let surfaces = [
+        surface(inner, Vec3::new(0.0, 1.0, 0.5), 0.6),
+        surface(outer, Vec3::new(1.0, 0.0, 0.25), 0.3),
+    ];
+    let through = |numbers: &[usize]| {
+        let mut sum = Vec4::ZERO;
+        for &n in numbers {
+            let weight = (1.0 - sum.w) * surfaces[n].opacity;
+            sum += surfaces[n].color.extend(1.0) * weight;
+        }
+        sum
+    };
+    let mut s = settings(&store.store, Mode::Iso);
+    s.classification.iso = surfaces.to_vec();
+    s.shading.model = ShadingModel::None;
+    s.size = [128, 128];
+    s.camera = ortho(DVec3::splat(31.5), 64.0);
+    let mut met = [0; 3];
+    for (name, image) in without_gpu(&store, &s) {
+        for (i, pixel) in image.pixels.iter().enumerate() {
+            let (x, y) = ((i % 128) as f64 + 0.5 - 64.0, (i / 128) as f64 + 0.5 - 64.0);
+            let r = x.hypot(y) * 0.5;
+            // As of one sphere: interpolation moves a silhouette by less than 0.05 mm.
+            if (r - outer).abs() < 0.05 || (r - inner).abs() < 0.05 {
+                continue;
+            }
+            let (kind, expected) = if r < inner {
+                (0, through(&[1, 0, 0, 1]))
+            } else if r < outer {
+                (1, through(&[1, 1]))
+            } else {
+                (2, Vec4::ZERO)
+            };
+            met[kind] += 1;
+            assert!(
+                pixel.abs_diff_eq(expected, 1e-5),
+                "{name}: pixel {i} at {r} mm: {pixel} is not {expected}"
+            );
+        }
+    }
+    assert!(met.iter().all(|&n| n > 2000), "all three parts: {met:?}");
+}
+
+#[test]
+fn a_preintegrated_constant_cube_is_the_same_without_its_first_sample() {
+    let store = plain(field([40; 3], VoxelType::U8, |_| 0.5));
+    for step in [0.5, 1.0, 4.0] {
+        let mut s = settings(&store.store, Mode::Dvr);
+        s.size = [32, 32];
+        s.classification.transfer = constant_opacity(0.02);
+        s.step = step;
+        s.camera = ortho(DVec3::splat(19.5), 20.0);
+        let post = reference(&store, &s).image;
+        s.classification.transfer_mode = TransferMode::Preintegrated;
+        let of_step = 1.0 - 0.98_f64.powf(step);
+        for (name, image) in without_gpu(&store, &s) {
+            // N samples have N − 1 segments between them, each of the same opacity.
+            let alpha = middle(&image);
+            let with_first = alpha + (1.0 - alpha) * of_step;
+            assert!(
+                (with_first - middle(&post)).abs() < 1e-5,
+                "{name}, step {step}: {with_first}, not {}",
+                middle(&post)
+            );
+        }
+    }
+}
+
+#[test]
+fn a_preintegrated_ramp_has_the_integral_whatever_the_step() {
+    // A peak of opacity h, 2w wide, in a ramp of 1/60 per millimetre: with extinction −ln(1 − a) its optical depth is
+    // 60 · 2w/h · ((1 − h) ln(1 − h) + h), however few samples lie in it.
+    let store = plain(field([40, 60, 40], VoxelType::F32, |p| p.y));
+    let (h, w) = (0.4_f64, 0.04);
+    let depth = 60.0 * 2.0 * w / h * ((1.0 - h) * (1.0 - h).ln() + h);
+    let expected = 1.0 - (-depth).exp();
+    for step in [0.5, 1.0, 4.0, 9.0] {
+        let mut s = settings(&store.store, Mode::Dvr);
+        s.classification.transfer = white(&[(0.5 - w, 0.0), (0.5, h), (0.5 + w, 0.0)]);
+        s.classification.transfer_mode = TransferMode::Preintegrated;
+        s.opacity_cutoff = 1.0;
+        s.size = [16, 16];
+        s.step = step;
+        s.camera = ortho(DVec3::new(19.5, 29.5, 19.5), 20.0);
+        for (name, image) in without_gpu(&store, &s) {
+            let alpha = middle(&image);
+            // The table has 1024 entries a side, joined linearly: kinks of the peak's foot are off by up to an entry's.
+            assert!(
+                (alpha - expected).abs() < 2e-3,
+                "{name}, step {step}: {alpha} is not {expected}"
+            );
+        }
+        if step == 9.0 {
+            s.classification.transfer_mode = TransferMode::Post;
+            let post = middle(&reference(&store, &s).image);
+            assert!(
+                (post - expected).abs() > 0.05,
+                "the control: samples alone would miss it: {post}"
+            );
+        }
+    }
+}
+
+#[test]
+fn filtered_gradients_are_the_mean_of_seven() {
+    // v = (Y + X·Z²) / 200 about voxel (20, 20, 20). At voxel centres X, Z the central difference along x is Z² there and
+    // half a voxel along x and y, and, interpolated linearly, Z² ± Z + ½ half a voxel along z: Z² + 1/7 in the mean. Along
+    // z it is 2·X·Z at all of them in the mean, along y 1.
+    let store = plain(field([41; 3], VoxelType::F32, |p| {
+        let at = p * 41.0 - 20.5;
+        0.5 + (at.y + at.x * at.z * at.z) / 200.0
+    }));
+    let mut s = settings(&store.store, Mode::Iso);
+    s.classification.iso = vec![IsoSurface {
+        color: Vec3::ONE,
+        ..IsoSurface::opaque(0.5)
+    }];
+    s.shading.specular = 0.0;
+    (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
+    s.size = [41, 41];
+    s.camera = ortho(DVec3::splat(20.0), 41.0);
+    for (filter, more) in [
+        (GradientFilter::Central, 0.0),
+        (GradientFilter::Filtered, 1.0 / 7.0),
+    ] {
+        s.shading.gradient = filter;
+        for (name, image) in without_gpu(&store, &s) {
+            for (x, z) in (-2..=2).flat_map(|x| (-3..=3).map(move |z| (x, z))) {
+                let pixel = image.pixels[((20 - z) * 41 + 20 - x) as usize];
+                let (x, z) = (f64::from(x), f64::from(z));
+                let normal = DVec3::new(z * z + more, 1.0, 2.0 * x * z).normalize();
+                assert!(
+                    (f64::from(pixel.x) - normal.y).abs() < 1e-4,
+                    "{name}, {filter:?} at ({x}, {z}): {} is not {}",
+                    pixel.x,
+                    normal.y
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn filtered_gradients_of_a_ramp_are_exact() {
+    // As central ones: across three bricks, seen at 30°, every pixel is cos 30°; a seam would show.
+    let store = plain(field([96, 40, 40], VoxelType::F32, |p| p.x));
+    let mut s = settings(&store.store, Mode::Iso);
+    s.shading.specular = 0.0;
+    s.shading.gradient = GradientFilter::Filtered;
+    (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
+    let angle = 30_f64.to_radians();
+    // In the middle of a brick, and at a border between two.
+    for (value, x) in [(0.5, 47.5), (64.1 / 96.0, 63.6)] {
+        s.classification.iso = vec![IsoSurface {
+            color: Vec3::ONE,
+            ..IsoSurface::opaque(value)
+        }];
+        let center = DVec3::new(x, 19.5, 19.5);
+        s.camera = ortho(center, 20.0);
+        let away = s.camera.eye.distance(center);
+        s.camera.eye = center + DVec3::new(angle.cos(), angle.sin(), 0.0) * away;
+        for (name, image) in without_gpu(&store, &s) {
+            let hits: Vec<Vec4> = image.pixels.iter().copied().filter(|p| p.w > 0.0).collect();
+            assert!(hits.len() > 8000, "{name}: the plane fills the picture");
+            for hit in hits {
+                assert!(
+                    (f64::from(hit.x) - angle.cos()).abs() < 3e-5,
+                    "{name}: {} is not cos 30°",
+                    hit.x
+                );
+            }
+        }
     }
 }

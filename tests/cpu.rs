@@ -6,6 +6,9 @@
 #[path = "support/compare.rs"]
 #[allow(dead_code, reason = "shared with the other tests of pictures")]
 mod compare;
+#[path = "support/fast_cpu.rs"]
+#[allow(dead_code, reason = "shared with the tests of its settings")]
+mod fast_cpu;
 #[path = "support/memory_source.rs"]
 #[allow(dead_code, reason = "shared with the tests of bricking")]
 mod memory_source;
@@ -16,100 +19,24 @@ mod scenes;
 use std::time::Duration;
 
 use brickscope::camera::Projection;
-use brickscope::engine::{EngineOptions, InstructionSet, TickBudget, TickEvent};
+use brickscope::engine::{EngineOptions, TickBudget, TickEvent};
 use brickscope::geom::Lod;
-use brickscope::scene::{
-    Interpolation, LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique,
-};
+use brickscope::scene::{Interpolation, LodChoice, Mode, PictureSettings};
 use brickscope::volume::VoxelType;
-use compare::{TWIN_BOUND, assert_same_bits, assert_twins, coverage, difference};
+use compare::{TWIN_BOUND, assert_same_bits, difference};
+use fast_cpu::{check, lit, picture, speckle, unlit, waves};
 use glam::DVec3;
-use scenes::{TestStore, cpu, field, inside, oblique, phantom, reference, settings, store_of};
-
-const MODES: [Mode; 3] = [Mode::Dvr, Mode::Iso, Mode::Mip];
-
-/// A smooth field with structure at every scale and empty parts, over several bricks in each axis.
-fn waves(voxel_type: VoxelType) -> TestStore {
-    let mut source = field([70, 45, 52], voxel_type, |p| {
-        let r = (p - 0.5).length();
-        0.5 + 0.5 * (r * 19.0).cos() * (1.0 - r) + 0.1 * (p.x * 40.0).sin() * (p.y * 31.0).cos()
-    });
-    source.desc.world_from_index = oblique();
-    store_of(&mut source)
-}
-
-/// Few small blobs: nearly every block is empty, and activity changes from block to block.
-fn speckle() -> TestStore {
-    store_of(&mut field([90, 75, 70], VoxelType::U8, |p| {
-        let cell = (p * 23.0).floor();
-        let hash = (cell.x * 12.9898 + cell.y * 78.233 + cell.z * 37.719).sin() * 43758.547;
-        if hash - hash.floor() > 0.97 { 0.9 } else { 0.0 }
-    }))
-}
-
-/// Draws with every kind of vector, compares with the reference, and demands that there is something to compare.
-fn check(store: &TestStore, settings: &PictureSettings, what: &str) {
-    let truth = reference(store, settings);
-    assert!(
-        coverage(&truth.image) > 0.02,
-        "{what}: the picture is nearly empty"
-    );
-    for technique in [Technique::Default, Technique::Basic] {
-        let settings = PictureSettings {
-            technique,
-            ..settings.clone()
-        };
-        for set in InstructionSet::available() {
-            let options = EngineOptions {
-                instructions: Some(set),
-                ..EngineOptions::default()
-            };
-            let drawn = cpu(store, options).render(&settings).unwrap();
-            let what = format!("{what}, {technique:?}, {}", set.name());
-            if settings.shading.model == ShadingModel::None {
-                assert_same_bits(&drawn.image, &truth.image, &what);
-            } else {
-                assert_twins(&drawn.image, &truth.image, 0, &what);
-            }
-            let (fast, slow) = (&drawn.stats, &truth.stats);
-            assert_eq!(
-                fast.samples + fast.samples_skipped,
-                slow.samples,
-                "{what}: every sample is either taken or skipped"
-            );
-            assert_eq!(
-                fast.samples_contributing, slow.samples_contributing,
-                "{what}: what contributes is taken"
-            );
-            if technique == Technique::Basic {
-                assert_eq!(fast.samples_skipped, 0, "{what}: nothing is skipped");
-            }
-        }
-    }
-}
-
-fn unlit(mut s: PictureSettings) -> PictureSettings {
-    s.shading.model = ShadingModel::None;
-    s
-}
-
-fn lit(mut s: PictureSettings) -> PictureSettings {
-    s.shading = Shading {
-        model: ShadingModel::Phong,
-        ..Shading::default()
-    };
-    s
-}
+use scenes::{TestStore, cpu, field, inside, phantom, reference, settings, store_of};
 
 #[test]
 fn every_voxel_type_and_mode() {
     for voxel_type in [VoxelType::U8, VoxelType::U16, VoxelType::F32] {
         let store = waves(voxel_type);
-        for mode in MODES {
-            let s = settings(&store.store, mode);
+        for mode in Mode::ALL {
+            let s = picture(&store, mode);
             let what = format!("{voxel_type} {}", mode.name());
-            check(&store, &unlit(s.clone()), &what);
-            if mode != Mode::Mip {
+            check(&store, &s, &what);
+            if !mode.projects() {
                 check(&store, &lit(s), &format!("{what} lit"));
             }
         }
@@ -119,11 +46,11 @@ fn every_voxel_type_and_mode() {
 #[test]
 fn every_setting() {
     let store = waves(VoxelType::U16);
-    let of = |mode| unlit(settings(&store.store, mode));
+    let of = |mode| picture(&store, mode);
     let mut side_light = lit(of(Mode::Dvr));
     side_light.shading.light = Some(DVec3::new(1.0, 0.5, -0.3));
     check(&store, &side_light, "dvr lit from the side");
-    for mode in MODES {
+    for mode in Mode::ALL {
         let name = mode.name();
         let mut s = of(mode);
         s.camera.projection = Projection::Orthographic;
@@ -159,8 +86,8 @@ fn every_setting() {
 #[test]
 fn several_levels_in_one_picture() {
     let store = waves(VoxelType::U16);
-    for mode in MODES {
-        let mut s = unlit(settings(&store.store, mode));
+    for mode in Mode::ALL {
+        let mut s = picture(&store, mode);
         s.camera = inside(
             &store.store,
             DVec3::new(0.45, 0.2, 0.5),
@@ -174,11 +101,11 @@ fn several_levels_in_one_picture() {
 
 #[test]
 fn speckle_from_all_sides() {
-    let store = speckle();
-    for mode in MODES {
+    for mode in Mode::ALL {
+        let store = speckle(mode == Mode::MinIp);
         for (n, step) in [0.5, 1.0, 5.0].into_iter().enumerate() {
             for turn in 0..3 {
-                let mut s = unlit(settings(&store.store, mode));
+                let mut s = picture(&store, mode);
                 let angle = f64::from(turn) * 2.1 + n as f64 * 0.4;
                 let direction = DVec3::new(angle.cos(), angle.sin(), 0.3 - 0.2 * angle.sin());
                 let from = if turn == 0 { 0.5 } else { -0.4 };
@@ -202,8 +129,8 @@ fn speckle_from_all_sides() {
 #[test]
 fn sharp_edges() {
     let store = phantom("phantom:body:100,70,110:u8");
-    for mode in MODES {
-        let mut s = unlit(settings(&store.store, mode));
+    for mode in Mode::ALL {
+        let mut s = picture(&store, mode);
         s.classification.iso[0].value = 150.3;
         check(&store, &s, &format!("body {}", mode.name()));
     }
@@ -213,8 +140,8 @@ fn sharp_edges() {
 fn one_voxel_thick() {
     let store = store_of(&mut field([40, 1, 33], VoxelType::U16, |p| p.x));
     // (Of the iso-surface a slice shows a line.)
-    for mode in [Mode::Dvr, Mode::Mip] {
-        let mut s = unlit(settings(&store.store, mode));
+    for mode in Mode::ALL.into_iter().filter(|&m| m != Mode::Iso) {
+        let mut s = picture(&store, mode);
         s.camera = brickscope::camera::Camera::orbit(
             &brickscope::scene::volume_bounds(
                 store.store.meta().dims,
@@ -233,8 +160,8 @@ fn one_voxel_thick() {
 #[test]
 fn any_memory_gives_the_same_bits() {
     let store = phantom("phantom:body:150,140,160:u16");
-    for mode in MODES {
-        let s = unlit(settings(&store.store, mode));
+    for mode in Mode::ALL {
+        let s = picture(&store, mode);
         let truth = reference(&store, &s).image;
         let mut plenty = cpu(&store, EngineOptions::default());
         let first = plenty.render(&s).unwrap();
@@ -252,8 +179,9 @@ fn any_memory_gives_the_same_bits() {
         let picture = little.render(&s).unwrap();
         assert_same_bits(&picture.image, &truth, "with 1 MiB");
         let again = little.render(&s).unwrap();
+        // (Rays that look for a minimum end in the air before the body.)
         assert!(
-            again.stats.bricks_read > Some(0),
+            mode == Mode::MinIp || again.stats.bricks_read > Some(0),
             "{}: a dozen bricks are kept, not all",
             mode.name()
         );
@@ -269,9 +197,11 @@ fn edits_reclassify_what_is_kept() {
         (Mode::Iso, 2700.0),
         (Mode::Dvr, 0.0),
         (Mode::Mip, 0.0),
+        (Mode::MinIp, 0.0),
+        (Mode::Gradient, 0.0),
         (Mode::Iso, 1200.0),
     ] {
-        let mut s = unlit(settings(&store.store, mode));
+        let mut s = picture(&store, mode);
         s.classification.iso[0].value = value;
         assert_same_bits(
             &engine.render(&s).unwrap().image,

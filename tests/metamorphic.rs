@@ -17,30 +17,12 @@ use brickscope::camera::{Camera, Projection};
 use brickscope::engine::{Engine, EngineOptions, Picture, SampleFilter};
 use brickscope::geom::Lod;
 use brickscope::scene::{LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique};
-use brickscope::volume::VoxelType;
 use compare::{assert_same_bits, coverage, difference};
 use glam::{DAffine3, DVec3};
-use memory_source::{MemorySource, noise};
-use scenes::{TestStore, gpu, inside, oblique, phantom, settings, store_of};
+use memory_source::noise;
+use scenes::{TestStore, gpu, inside, oblique, phantom, settings, speckle};
 
 const MODES: [Mode; 3] = [Mode::Dvr, Mode::Iso, Mode::Mip];
-
-/// Random single 4³ blocks of 255 in zeros, 96³: the hardest mesh there is.
-fn speckle(share: u32, affine: DAffine3) -> TestStore {
-    const EDGE: usize = 96;
-    const BLOCKS: usize = EDGE / 4;
-    let on: Vec<bool> = noise(BLOCKS.pow(3), 7).map(|v| v % share == 0).collect();
-    let mut bytes = vec![0_u8; EDGE.pow(3)];
-    for (i, byte) in bytes.iter_mut().enumerate() {
-        let (x, y, z) = (i % EDGE / 4, i / EDGE % EDGE / 4, i / EDGE / EDGE / 4);
-        if on[(z * BLOCKS + y) * BLOCKS + x] {
-            *byte = 255;
-        }
-    }
-    let mut source = MemorySource::new([EDGE as u64; 3], VoxelType::U8, bytes);
-    source.desc.world_from_index = affine;
-    store_of(&mut source)
-}
 
 /// Skipping on and off in one engine, one pipeline. Returns the share of the picture that shows something.
 fn check_skipping(engine: &mut Engine, settings: &PictureSettings, what: &str) -> f64 {

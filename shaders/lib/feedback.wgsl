@@ -21,13 +21,3 @@ fn feedback_request(grid: Grid, brick: Brick) {
         }
     }
 }
-
-// The ray of pixel number `at` of the tile, in work-group `group`, is not finished. A stopped one waits for a brick.
-fn feedback_pending(at: u32, group: u32, stopped: bool) {
-    atomicAdd(&feedback[FEEDBACK_PENDING + group], 1u);
-    if stopped {
-        atomicAdd(&feedback[FEEDBACK_STOPPED], 1u);
-        // The least pixel: buffers begin as zeros.
-        atomicMax(&feedback[FEEDBACK_FIRST_STOPPED], 0xffffffffu - at);
-    }
-}

@@ -1,5 +1,14 @@
 // Gradients at a sample, in world units.
 
+// Half a voxel outside a brick its border voxels have their own value; only beyond the volume, where the edge voxel repeats, does
+// a filtered gradient reach further.
+fn gradient_tap(brick: Brick, offset: vec3f) -> vec3f {
+    if !FILTERED_GRADIENTS {
+        return offset;
+    }
+    return clamp(offset, brick.origin - 0.5, brick.origin + (f32(BRICK_EDGE) + 0.5));
+}
+
 // Central differences at ±½ voxel of the level (design.md §3), in level voxels; zero where nobody wants it. One axis after
 // the other in a loop: a software adapter leaves it after the first when no ray of eight wants a gradient.
 fn gradient_central(brick: Brick, offset: vec3f, wanted: bool) -> vec3f {
@@ -7,7 +16,8 @@ fn gradient_central(brick: Brick, offset: vec3f, wanted: bool) -> vec3f {
     var axis = 0u;
     loop {
         let half = select(vec3f(0.0), vec3f(0.5), vec3u(axis) == vec3u(0u, 1u, 2u));
-        let difference = sample_value(brick, offset + half) - sample_value(brick, offset - half);
+        let difference = sample_value(brick, gradient_tap(brick, offset + half))
+            - sample_value(brick, gradient_tap(brick, offset - half));
         differences += 2.0 * half * difference;
         axis += 1u;
         if axis == 3u || !wanted {

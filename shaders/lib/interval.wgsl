@@ -47,3 +47,8 @@ fn interval_of_pixel(pixel: vec2u, stretch: f32) -> vec2f {
     }
     return vec2f(start, interval_distance(farthest, stretch) + frame.slack_mm);
 }
+
+// Where an interval begins and ends on the ray's part of the volume, in samples.
+fn interval_reach(ray: Ray, interval: vec2f) -> vec2f {
+    return vec2f(max(f32(ray.first), ray_index(ray, interval.x)), min(f32(ray.last), ray_index(ray, interval.y)));
+}

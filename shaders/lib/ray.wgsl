@@ -62,10 +62,15 @@ fn ray_jitter(pixel: vec2u) -> f32 {
     return f32(sixteenths) / 16.0;
 }
 
-// Where on the image plane a pixel's ray passes: u, v.
-fn ray_plane(pixel: vec2u) -> vec2f {
-    let u = (f32(pixel.x) + frame.place_in_pixel.x) * (2.0 / f32(frame.picture_size.x)) - 1.0;
-    let v = 1.0 - (f32(pixel.y) + frame.place_in_pixel.y) * (2.0 / f32(frame.picture_size.y));
+// The part of the pixel's ray that is sampled at `level`.
+fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
+    return ray_through(vec2f(pixel), ray_jitter(pixel), level);
+}
+
+// Where on the image plane the ray of a pixel passes: u, v.
+fn ray_plane(pixel: vec2f) -> vec2f {
+    let u = (pixel.x + frame.place_in_pixel.x) * (2.0 / f32(frame.picture_size.x)) - 1.0;
+    let v = 1.0 - (pixel.y + frame.place_in_pixel.y) * (2.0 / f32(frame.picture_size.y));
     return vec2f(u, v);
 }
 
@@ -78,8 +83,8 @@ fn ray_box(ray: Ray, level: u32) -> vec2f {
     return vec2f(max(max(near3.x, near3.y), near3.z), min(min(far3.x, far3.y), far3.z));
 }
 
-// The part of the pixel's ray that is sampled at `level`.
-fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
+// The same for any pixel, also one outside the picture; its samples are moved by `jitter` base steps.
+fn ray_through(pixel: vec2f, jitter: f32, level: u32) -> Ray {
     let plane = ray_plane(pixel);
     let u = plane.x;
     let v = plane.y;
@@ -89,7 +94,7 @@ fn ray_for_pixel(pixel: vec2u, level: u32) -> Ray {
     let origin = frame.levels[level].level_origin[0].xyz + frame.levels[level].level_origin[1].xyz * u
         + frame.levels[level].level_origin[2].xyz * v;
     let step_mm = frame.levels[level].step_mm;
-    let first_mm = frame.first_mm + ray_jitter(pixel) * frame.step_mm;
+    let first_mm = frame.first_mm + jitter * frame.step_mm;
     let stretch = sqrt(dot(world, world));
     let inverse = 1.0 / stretch;
 

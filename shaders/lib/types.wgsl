@@ -93,7 +93,8 @@ struct FrameUniforms {
     orders_at: u32,
     // Step from a code of `brick_extremes` to the next, in stored values.
     extreme_scale: f32,
-    pad2: u32,
+    // No sample is greater (mode minip: no negated sample).
+    extreme_end: f32,
     pad3: u32,
     pad4: u32,
     levels: array<LevelUniforms, MAX_LEVELS>,

@@ -36,8 +36,9 @@ fn walk_block_at(ray: Ray, at: f32) -> vec3i {
 // sample is taken if it is needed.
 fn walk_begin(ray: Ray, interval: vec2f, next: i32) -> Walk {
     var walk: Walk;
-    walk.at = max(max(f32(ray.first), ray_index(ray, interval.x)), f32(next - 1));
-    walk.end = min(f32(ray.last), ray_index(ray, interval.y));
+    let reach = interval_reach(ray, interval);
+    walk.at = max(reach.x, f32(next - 1));
+    walk.end = reach.y;
     walk.next = max(ray.first, next);
     walk.first = walk.next;
     walk.last = ray.last;
@@ -86,6 +87,10 @@ fn walk_activity(ray: Ray, walk: Walk, brick: vec3i) -> u32 {
 // Finds the next run; false when there is none. The caller takes samples walk.first ..= walk.last.
 fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
     let bricks = ray.grid.last + 1;
+    // No sample is better than the volume's best.
+    if EXTREME && (*walk).greatest >= frame.extreme_end {
+        return false;
+    }
     loop {
         if (*walk).at > (*walk).end {
             return false;
@@ -150,6 +155,18 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         }
     }
     return false;
+}
+
+// Makes all that is left the current run, once; false when there is nothing.
+fn walk_all(ray: Ray, walk: ptr<function, Walk>) -> bool {
+    let entry = (*walk).at;
+    if entry > (*walk).end {
+        return false;
+    }
+    (*walk).at = (*walk).end;
+    let is_run = walk_take(ray, walk, entry);
+    (*walk).at = 1e30;
+    return is_run;
 }
 
 // Makes [entry, walk.at] the current run: from sample ⌊entry⌋ to ⌈at⌉ (invariant 4), none taken twice. False when all

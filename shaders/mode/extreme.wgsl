@@ -7,18 +7,9 @@ struct Mode {
     ended: bool,
 }
 
-// The bounds of the volume's values, after the sign.
-fn extreme_floor() -> f32 {
-    return select(frame.value_floor, -frame.value_ceiling, MINIMUM);
-}
-
-fn extreme_ceiling() -> f32 {
-    return select(frame.value_ceiling, -frame.value_floor, MINIMUM);
-}
-
 fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
     // Blocks that can't be better than the volume's own bound are skipped: that is their extreme.
-    let least = extreme_floor();
+    let least = select(frame.value_floor, -frame.value_ceiling, MINIMUM);
     let greatest = max(least, select(least, state.value, (state.flags & RAY_INSIDE) != 0u));
     return Mode(greatest, false, false);
 }
@@ -26,13 +17,10 @@ fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let stored = sample_value(source.brick, source_offset(source, f32(i)));
+    let stored = value_at(source, i);
     let value = select(stored, -stored, MINIMUM);
     (*caster).contributing += u32(value > (*mode).greatest);
     (*mode).greatest = max((*mode).greatest, value);
-    // No sample is better than the volume's best.
-    (*mode).event = (*caster).skips && (*mode).greatest >= extreme_ceiling();
-    (*mode).ended = (*mode).event;
 }
 
 fn mode_bound(mode: Mode) -> f32 {
@@ -49,5 +37,5 @@ fn mode_end(mode: Mode, caster: Cast, next: i32) -> Outcome {
         let classified = classify_value(caster.ray.grid, select(mode.greatest, -mode.greatest, MINIMUM));
         color = vec4f(classified.rgb * classified.a, classified.a);
     }
-    return Outcome(color, select(0u, RAY_ENDED, mode.ended), mode.greatest, 0u);
+    return Outcome(color, 0u, mode.greatest, 0u);
 }

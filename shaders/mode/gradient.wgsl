@@ -14,9 +14,8 @@ fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let at = source_offset(source, f32(i));
     // Its opacity is an optical depth.
-    let classified = classify_value((*caster).ray.grid, sample_value(source.brick, at));
+    let classified = classify_value((*caster).ray.grid, value_at(source, i));
     let gradient = gradient_at(caster, source, f32(i), classified.a > 0.0);
     if FILTERED_GRADIENTS && (*caster).stopped {
         return;

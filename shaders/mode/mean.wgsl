@@ -14,7 +14,7 @@ fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let value = sample_value(source.brick, source_offset(source, f32(i)));
+    let value = value_at(source, i);
     // Levels of a frame follow each other.
     let steps = 1u << (*caster).ray.grid.level;
     (*mode).sum += value * f32(steps);

@@ -15,8 +15,7 @@ fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let at = source_offset(source, f32(i));
-    let classified = classify_value((*caster).ray.grid, sample_value(source.brick, at));
+    let classified = classify_value((*caster).ray.grid, value_at(source, i));
     var color = classified.rgb;
     if SHADED {
         let gradient = gradient_at(caster, source, f32(i), classified.a > 0.0);

@@ -46,7 +46,7 @@ fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {
 }
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let value = sample_value(source.brick, source_offset(source, f32(i)));
+    let value = value_at(source, i);
     var segment = vec4f(0.0);
     if (*mode).before == i - 1 {
         segment = preintegrated_segment((*caster).ray.grid, (*mode).value, value);

@@ -48,7 +48,7 @@ fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {
 }
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
-    let value = sample_value(source.brick, source_offset(source, f32(i)));
+    let value = value_at(source, i);
     let zone = surface_zone(value);
     if LEAP {
         // A wall that is thinner than a step is met by some rays only, in each frame by others: where a step as steep as this

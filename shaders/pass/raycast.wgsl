@@ -1,5 +1,6 @@
-// The caster: one invocation per ray. What a sample does to its ray is told by a file of mode/, each of which has the same
-// functions. The twin is reference::{caster, modes}.
+// What casters have in common: one invocation per ray. What a sample does to its ray is told by a file of mode/, each of which
+// has the same functions; where values and gradients come from, by lib/direct.wgsl and lib/gradient.wgsl or by lib/slab.wgsl.
+// The entry points are in cast_rays.wgsl and cast_slabs.wgsl. The twin is reference::{caster, modes}.
 //
 // A ray that meets a brick that is not there stores its state, asks for the brick, and goes on in a later dispatch: the
 // picture is exact in the end, whatever fits the memory (design.md §2, invariant 2). In a DRAFT nothing waits: the nearest
@@ -24,8 +25,6 @@
 // lib/feedback.wgsl.
 @group(2) @binding(6) var<storage, read_write> feedback: array<atomic<u32>>;
 
-override GROUP_WIDTH: u32 = 8u;
-override GROUP_HEIGHT: u32 = 8u;
 // Phong shading.
 override SHADED: bool = false;
 // Rays go on behind what they have met: surfaces may be translucent.
@@ -47,11 +46,13 @@ struct Cast {
     tile_pixel: vec2u,
     pixel: vec2u,
     ray: Ray,
-    // Mesh interval, brick and block skipping? With and without, the picture is the same to the bit.
+    // Only the part of the ray that the mesh leaves? And there from active block to active block? However it is, the picture
+    // is the same to the bit.
+    is_bounded: bool,
     skips: bool,
     // The ray meets the volume, at this level or at a finer one.
     is_inside: bool,
-    // Nothing to do: outside the picture, or finished before.
+    // Nothing to do: outside the picture, finished before, or waiting for a brick since a pass before.
     is_idle: bool,
     // Samples at levels that are done are in here.
     skipped: u32,
@@ -71,7 +72,7 @@ struct Cast {
 
 fn cast_interval(caster: Cast) -> vec2f {
     var interval = vec2f(-1e30, 1e30);
-    if caster.skips {
+    if caster.is_bounded {
         interval = interval_of_pixel(caster.tile_pixel, caster.ray.stretch);
     }
     if LEAP {
@@ -88,35 +89,7 @@ fn cast_meet(caster: ptr<function, Cast>, next: i32, level: u32) {
     }
 }
 
-// What the host ordered for this dispatch. Not in the uniforms: where a condition depends on uniforms alone, lavapipe puts
-// their values into the code and compiles it anew (half a second) whenever the uniforms change.
-fn cast_order(word: u32) -> u32 {
-    return atomicLoad(&feedback[frame.orders_at + word]);
-}
-
-// The pixel of an invocation in its work-group. Eight in a row of invocations are 4×2 pixels: a software adapter runs them
-// as one, and what they do differs the less the nearer they are.
-fn cast_place(local: vec3u) -> vec2u {
-    let index = local.y * GROUP_WIDTH + local.x;
-    let block = index >> 3u;
-    let blocks_wide = GROUP_WIDTH >> 2u;
-    return vec2u((block % blocks_wide) * 4u + (index & 3u), (block / blocks_wide) * 2u + ((index >> 2u) & 1u));
-}
-
-// The pixel of the tile that an invocation casts: in its place in the picture, or the one that the host listed for it. In one
-// pipeline, so that a pixel is the same to the bit either way.
-fn cast_tile_pixel(group: u32, local: vec3u) -> vec2u {
-    if cast_order(FEEDBACK_PIXELS) != 0u {
-        let number = group * GROUP_WIDTH * GROUP_HEIGHT + local.y * GROUP_WIDTH + local.x;
-        let wide = textureDimensions(pixel_list).x;
-        let pixel = textureLoad(pixel_list, vec2u(number % wide, number / wide), 0).x;
-        return vec2u(pixel & 0xffffu, pixel >> 16u);
-    }
-    let groups_wide = (frame.tile_size.x + GROUP_WIDTH - 1u) / GROUP_WIDTH;
-    return vec2u(group % groups_wide, group / groups_wide) * vec2u(GROUP_WIDTH, GROUP_HEIGHT) + cast_place(local);
-}
-
-// The ray of an invocation, at its beginning or where it stopped. The host lists the work-groups that have something to do.
+// The ray of an invocation, at its beginning or where it stopped.
 fn cast_begin(
     group: vec3u,
     local: vec3u,
@@ -124,17 +97,21 @@ fn cast_begin(
     walk: ptr<function, Walk>,
 ) -> Cast {
     var caster: Cast;
-    caster.group = cast_order(FEEDBACK_GROUPS + group.x);
-    caster.tile_pixel = cast_tile_pixel(caster.group, local);
+    // What a pass before has listed are whole work-groups; otherwise the host lists those that have something to do.
+    let is_compacted = cast_order(FEEDBACK_COMPACTED) != 0u;
+    caster.group = select(cast_order(FEEDBACK_GROUPS + group.x), group.x, is_compacted);
+    caster.tile_pixel = cast_tile_pixel(caster.group, local, is_compacted || cast_order(FEEDBACK_PIXELS) != 0u);
     caster.pixel = frame.tile_origin + caster.tile_pixel;
     caster.limit = cast_order(FEEDBACK_LIMIT);
-    caster.skips = cast_order(FEEDBACK_SKIP) != 0u;
-    caster.is_idle = any(caster.tile_pixel >= frame.part_size);
+    let skip = cast_order(FEEDBACK_SKIP);
+    caster.is_bounded = skip != 0u;
+    caster.skips = skip == SKIP_BLOCKS;
+    caster.is_idle = cast_is_outside(caster.tile_pixel);
+    caster.at = cast_number(caster.tile_pixel);
     caster.empty_mm = LEAP_NOTHING;
-    caster.at = min(caster.tile_pixel.y, frame.tile_size.y - 1u) * frame.tile_size.x + min(caster.tile_pixel.x, frame.tile_size.x - 1u);
     if !DRAFT {
         *state = rays[caster.at];
-        caster.is_idle |= ((*state).flags & RAY_FINISHED) != 0u;
+        caster.is_idle |= ((*state).flags & (RAY_FINISHED | RAY_STOPPED)) != 0u;
     }
     var level = 0u;
     if MANY_LEVELS {
@@ -149,25 +126,10 @@ fn cast_begin(
     return caster;
 }
 
-// The next run of samples: with skipping from the walk, without it the whole ray once; then the next coarser level.
+// The next run of samples: with skipping from the walk, without it all of the interval once; then the next coarser level.
 fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool {
     loop {
-        if (*caster).skips {
-            if walk_next((*caster).ray, walk) {
-                return true;
-            }
-        } else if (*walk).next <= (*caster).ray.last {
-            if LEAP {
-                let start = min(i32(floor((*walk).at)), (*caster).ray.last + 1);
-                (*walk).skipped += u32(max(start - (*walk).next, 0));
-                (*walk).next = max((*walk).next, start);
-                if start > (*caster).ray.last {
-                    continue;
-                }
-            }
-            (*walk).first = (*walk).next;
-            (*walk).last = (*caster).ray.last;
-            (*walk).next = (*caster).ray.last + 1;
+        if cast_next_run_of_level(*caster, walk) {
             return true;
         }
         if !MANY_LEVELS || (*caster).ray.grid.level + 1u >= frame.used_levels || (*caster).is_idle {
@@ -181,6 +143,14 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool
         (*walk).greatest = greatest;
     }
     return false;
+}
+
+// The next one at the ray's level.
+fn cast_next_run_of_level(caster: Cast, walk: ptr<function, Walk>) -> bool {
+    if caster.skips {
+        return walk_next(caster.ray, walk);
+    }
+    return walk_all(caster.ray, walk);
 }
 
 // Samples of the level that skipping has saved, when the level has been left behind.
@@ -269,91 +239,21 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     }
     if DRAFT {
         if caster.missed {
-            feedback_pending(caster.at, caster.group, true);
+            cast_pending(caster.at, caster.group, true);
         }
         return;
     }
     var state: RayState;
     state.next = next;
-    let flags = outcome.flags | caster.ray.grid.level | select(0u, RAY_INSIDE, caster.is_inside);
+    // Where passes follow in the same submission, the last of them tells what is not finished.
+    let is_quiet = cast_order(FEEDBACK_QUIET) != 0u;
+    let flags = outcome.flags | caster.ray.grid.level | select(0u, RAY_INSIDE, caster.is_inside)
+        | select(0u, RAY_STOPPED, is_quiet && caster.stopped);
     state.flags = select(RAY_FINISHED, flags, is_pending);
     state.value = outcome.value;
     state.count = outcome.count;
     rays[caster.at] = state;
-    if is_pending {
-        feedback_pending(caster.at, caster.group, caster.stopped);
+    if is_pending && !is_quiet {
+        cast_pending(caster.at, caster.group, caster.stopped);
     }
-}
-
-// The loops below nest run, brick, sample: what belongs to a run or a brick is done once for it. Software adapters execute
-// both sides of every `if`, and a loop's body once more than needed unless it ends in its `break`: hence the shape
-// (ARCHITECTURE.md, "Decisions"). A run is never empty.
-@compute @workgroup_size(GROUP_WIDTH, GROUP_HEIGHT)
-fn cast_rays(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(local_invocation_id) local: vec3u,
-) {
-    var state: RayState;
-    var walk: Walk;
-    var caster = cast_begin(group, local, &state, &walk);
-    var color = vec4f(0.0);
-    if !DRAFT {
-        color = picture[caster.at];
-    }
-    var mode = mode_begin(caster, state, color);
-    walk.greatest = mode_bound(mode);
-    var i = state.next;
-    // With LEAP: what the last sample was read from.
-    var level = 0u;
-    // In the middle of a run, behind something translucent.
-    var resumed = false;
-    var more = cast_next_run(&caster, &walk);
-    loop {
-        while more {
-            mode_next_run(&mode, caster);
-            i = select(walk.first, i, resumed);
-            resumed = false;
-            loop {
-                var offset = ray_offset(caster.ray, f32(i));
-                let brick = brick_at(caster.ray.grid, offset);
-                let source = cast_enter(&caster, brick, f32(i));
-                level = source.brick.level;
-                if caster.stopped {
-                    break;
-                }
-                loop {
-                    mode_take(&mode, &caster, source, i);
-                    if FILTERED_GRADIENTS && caster.stopped {
-                        break;
-                    }
-                    caster.samples += 1u;
-                    i += 1;
-                    cast_meet(&caster, i, source.brick.level);
-                    offset = ray_offset(caster.ray, f32(i));
-                    if mode.event || i > walk.last || !brick_contains(brick, offset) {
-                        break;
-                    }
-                }
-                caster.paused = !mode.event && caster.samples >= caster.limit;
-                if mode.event || caster.paused || caster.stopped || i > walk.last {
-                    break;
-                }
-            }
-            walk.greatest = mode_bound(mode);
-            more = !mode.event && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
-        }
-        i = mode_resolve(&mode, &caster, i);
-        cast_meet(&caster, i, level);
-        if !MANY_EVENTS || !mode.event || mode.ended || caster.stopped {
-            break;
-        }
-        mode.event = false;
-        caster.paused = caster.samples >= caster.limit;
-        resumed = i <= walk.last;
-        more = !caster.paused && (resumed || cast_next_run(&caster, &walk));
-        if !more {
-            break;
-        }
-    }
-    cast_end(caster, walk, mode_end(mode, caster, i), i);
 }

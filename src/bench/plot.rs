@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::error::BenchError;
-use super::report::Row;
+use super::report::{NamedTime, Row};
 use crate::outfile::{Existing, write_whole};
 
 /// Height of a bar, and of the gap between groups, pixels.
@@ -25,7 +25,7 @@ const COLORS: [RGBColor; 4] = [
     RGBColor(150, 90, 140),
 ];
 
-/// Writes the times of `rows` in milliseconds to `path`, which is replaced when the plot is complete.
+/// Writes the bars of `rows` (times in milliseconds, unless the rows have others) to `path`, which is replaced when the plot is complete.
 ///
 /// # Errors
 /// The plot can't be drawn, or the file can't be written.
@@ -40,18 +40,23 @@ pub fn write_plot<R: Row>(rows: &[R], title: &str, path: &Path) -> Result<(), Be
 
 /// The plot as SVG text.
 fn draw<R: Row>(rows: &[R], title: &str) -> Result<String, Box<dyn std::error::Error>> {
-    let names: Vec<String> = rows.iter().map(Row::name).collect();
-    let series: Vec<&'static str> = rows.first().map_or_else(Vec::new, |r| {
-        r.times().into_iter().map(|(n, _)| n).collect()
-    });
-    let longest = names.iter().map(|n| n.chars().count()).max().unwrap_or(0) as u32;
+    let rows: Vec<(String, Vec<NamedTime>)> = rows
+        .iter()
+        .map(|row| (row.name(), row.bars()))
+        .filter(|(_, bars)| !bars.is_empty())
+        .collect();
+    let series: Vec<&'static str> = rows
+        .first()
+        .map_or_else(Vec::new, |(_, bars)| bars.iter().map(|&(n, _)| n).collect());
+    let longest = rows.iter().map(|(name, _)| name.chars().count()).max();
+    let longest = longest.unwrap_or(0) as u32;
     let labels = longest * CHARACTER + 10;
     let group = BAR * (series.len() as u32 + 1);
     let height = group * (rows.len() as u32).max(1) + FRAME;
     let greatest = rows
         .iter()
-        .flat_map(Row::times)
-        .filter_map(|(_, ms)| ms)
+        .flat_map(|(_, bars)| bars)
+        .filter_map(|&(_, length)| length)
         .fold(0.0, f64::max);
     // An axis needs a length.
     let end = if greatest > 0.0 { greatest * 1.05 } else { 1.0 };
@@ -74,15 +79,15 @@ fn draw<R: Row>(rows: &[R], title: &str) -> Result<String, Box<dyn std::error::E
             .disable_y_axis()
             .y_labels(0)
             .max_light_lines(0)
-            .x_desc("ms")
+            .x_desc(R::BARS_UNIT)
             .draw()?;
         let share = f64::from(BAR) / f64::from(group);
         for (number, (name, color)) in series.iter().zip(COLORS.iter().cycle()).enumerate() {
-            let bars = rows.iter().enumerate().filter_map(|(row, r)| {
-                let ms = r.times().get(number)?.1?;
+            let bars = rows.iter().enumerate().filter_map(|(row, (_, bars))| {
+                let length = bars.get(number)?.1?;
                 let top = row as f64 + share * (number as f64 + 0.5);
                 Some(Rectangle::new(
-                    [(0.0, top), (ms, top + share)],
+                    [(0.0, top), (length, top + share)],
                     color.filled(),
                 ))
             });
@@ -94,7 +99,7 @@ fn draw<R: Row>(rows: &[R], title: &str) -> Result<String, Box<dyn std::error::E
             .into_font()
             .color(&BLACK)
             .pos(Pos::new(HPos::Right, VPos::Center));
-        for (row, name) in names.iter().enumerate() {
+        for (row, (name, _)) in rows.iter().enumerate() {
             let (x, y) = chart.backend_coord(&(0.0, row as f64 + 0.5));
             root.draw(&Text::new(
                 name.as_str(),

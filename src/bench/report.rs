@@ -23,6 +23,8 @@ pub type NamedTime = (&'static str, Option<f64>);
 pub trait Row: Serialize + DeserializeOwned {
     /// The sub-command.
     const BENCH: &'static str;
+    /// What the plot's axis counts.
+    const BARS_UNIT: &'static str = "ms";
     /// Heads of the table's columns.
     const COLUMNS: &'static [&'static str];
 
@@ -31,6 +33,11 @@ pub trait Row: Serialize + DeserializeOwned {
 
     /// The times that are compared and plotted; the same names for every row.
     fn times(&self) -> Vec<NamedTime>;
+
+    /// The bars of the plot, by default the times; the same names for every row. A row without any is left out.
+    fn bars(&self) -> Vec<NamedTime> {
+        self.times()
+    }
 
     /// The row of the table, a cell for each of [`Self::COLUMNS`].
     fn cells(&self) -> Vec<String>;

@@ -11,12 +11,21 @@ pub fn table<R: Row>(rows: &[R]) -> String {
 
 /// A table of `columns`; the first is words, the others are numbers.
 pub fn aligned(columns: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+    aligned_after(1, columns, rows)
+}
+
+/// A table of `columns`, of which the first `words` are words and the others numbers.
+pub(super) fn aligned_after(
+    words: usize,
+    columns: &[&str],
+    rows: impl Iterator<Item = Vec<String>>,
+) -> String {
     let mut table = Table::new();
     table.load_style(ASCII_MARKDOWN).set_header(columns);
     for row in rows {
         table.add_row(row);
     }
-    for column in table.column_iter_mut().skip(1) {
+    for column in table.column_iter_mut().skip(words) {
         column.set_cell_alignment(CellAlignment::Right);
     }
     table.to_string()

@@ -17,6 +17,7 @@ mod occupancy;
 mod paraview;
 mod preintegrated;
 mod presets;
+mod range_table;
 mod transfer;
 mod visibility;
 
@@ -28,5 +29,6 @@ pub use occupancy::Occupancy;
 pub use paraview::{TransferFileError, parse_paraview, read_paraview, to_paraview};
 pub use preintegrated::{PreintegratedTable, TransferIntegrals};
 pub use presets::{Preset, PresetScale};
+pub use range_table::RangeTable;
 pub use transfer::{TransferFunction, grey_ramp, window_range};
 pub use visibility::{IsoValues, OpacityTable, Visibility};

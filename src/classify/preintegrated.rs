@@ -18,7 +18,6 @@
 use rayon::prelude::*;
 
 use super::transfer::TransferFunction;
-use crate::volume::StoredType;
 
 /// Opacity at which extinction ends: a transfer function's 1 would be infinite.
 const MOST_OPACITY: f64 = 1.0 - 1e-7;
@@ -52,14 +51,6 @@ pub struct TransferIntegrals {
 }
 
 impl TransferIntegrals {
-    /// Entries along a side of the tables for voxels of this type: one per value where there are so few.
-    pub const fn side(stored: StoredType) -> usize {
-        match stored {
-            StoredType::U8 => 256,
-            StoredType::U16 | StoredType::F32 => 1024,
-        }
-    }
-
     /// Integrates `tf` over stored values from `domain_stored[0]` to `domain_stored[1]`, which must be all that occur:
     /// values outside count as the ends, which at an end of a segment would be wrong. `rescale` as for
     /// [`super::Lut::bake`].

@@ -105,6 +105,108 @@ enum TfModeArg {
     Preintegrated,
 }
 
+/// Which device, and how much memory.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct MachineArgs {
+    /// auto, cpu, or part of a graphics adapter's name
+    #[arg(long, default_value = "auto", help_heading = "Machine")]
+    device: String,
+    /// Bound of all memory on the graphics adapter [default: what the picture may need, at most 4GiB, on a software adapter
+    /// 2GiB]
+    #[arg(long, value_name = "SIZE", help_heading = "Machine")]
+    gpu_memory: Option<ByteSize>,
+    /// Decoded bricks kept in host memory [default: 1GiB]
+    #[arg(long, value_name = "SIZE", help_heading = "Machine")]
+    ram: Option<ByteSize>,
+}
+
+impl MachineArgs {
+    /// Device and budgets.
+    pub(super) fn engine_options(&self) -> EngineOptions {
+        let device = match self.device.as_str() {
+            "auto" => DeviceChoice::Auto,
+            "cpu" => DeviceChoice::Cpu,
+            name => DeviceChoice::Named(name.to_owned()),
+        };
+        let default = EngineOptions::default();
+        EngineOptions {
+            device,
+            gpu_memory_bytes: self.gpu_memory.map(|s| s.0),
+            ram_bytes: self.ram.map_or(default.ram_bytes, |s| s.0),
+            ..default
+        }
+    }
+}
+
+/// From values to colour and opacity, as typed.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct TransferArgs {
+    /// Transfer function: a name of 'brickscope presets', or a ParaView JSON file
+    #[arg(long, value_name = "NAME|FILE.json", help_heading = "Classification")]
+    tf: Option<String>,
+    /// Grey ramp, or the range of a relative preset, physical
+    #[arg(long, value_name = "CENTER,WIDTH", value_parser = args::pair, allow_hyphen_values = true, help_heading = "Classification")]
+    window: Option<[f64; 2]>,
+    /// Length for which the opacity holds [default: the smallest spacing]
+    #[arg(long, value_name = "MM", value_parser = args::positive, help_heading = "Classification")]
+    opacity_unit: Option<f64>,
+}
+
+impl TransferArgs {
+    /// Length for which the opacity holds, mm.
+    pub(super) fn opacity_unit_mm(&self) -> Option<f64> {
+        self.opacity_unit
+    }
+
+    /// The function that is meant, for the volume of `meta` in a mode. Remarks for the user go into `notes`.
+    ///
+    /// # Errors
+    /// A file can't be read, or a name is unknown.
+    pub(super) fn function(
+        &self,
+        mode: Mode,
+        meta: &StoreMeta,
+        notes: &mut Vec<String>,
+    ) -> anyhow::Result<TransferFunction> {
+        let range = match self.window {
+            Some([center, width]) => window_range(center, width).with_context(|| {
+                format!("--window {center},{width}: expected a centre and a width above 0")
+            })?,
+            None => default_window(meta),
+        };
+        // cli.md, "Colour": a ramp is half opaque at its end, except where the look-up is a projection's only one.
+        let top_opacity = if mode.projects() || mode == Mode::Xray {
+            1.0
+        } else {
+            0.5
+        };
+        let Some(name) = &self.tf else {
+            return Ok(grey_ramp(range[0], range[1], top_opacity)?);
+        };
+        if let Some(preset) = Preset::find(name) {
+            return preset
+                .instantiate(range, top_opacity)
+                .with_context(|| format!("--tf {name}"));
+        }
+        let path = PathBuf::from(name);
+        if !name.ends_with(".json") && !path.exists() {
+            bail!(
+                "--tf {name}: no such preset or file; presets are {}",
+                Preset::names()
+            );
+        }
+        let mut functions = read_paraview(&path)?;
+        if functions.len() > 1 {
+            notes.push(format!(
+                "{name} holds {} transfer functions; using the first, '{}'",
+                functions.len(),
+                functions[0].name
+            ));
+        }
+        Ok(functions.swap_remove(0))
+    }
+}
+
 /// The flags of a picture, as typed.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct PictureArgs {
@@ -129,15 +231,8 @@ pub(super) struct PictureArgs {
     #[arg(long, value_name = "off|selective[:T]|full", value_parser = args::anti_aliasing, help_heading = "Picture")]
     aa: Option<AaArg>,
 
-    /// Transfer function: a name of 'brickscope presets', or a ParaView JSON file
-    #[arg(long, value_name = "NAME|FILE.json", help_heading = "Classification")]
-    tf: Option<String>,
-    /// Grey ramp, or the range of a relative preset, physical
-    #[arg(long, value_name = "CENTER,WIDTH", value_parser = args::pair, allow_hyphen_values = true, help_heading = "Classification")]
-    window: Option<[f64; 2]>,
-    /// Length for which the opacity holds [default: the smallest spacing]
-    #[arg(long, value_name = "MM", value_parser = args::positive, help_heading = "Classification")]
-    opacity_unit: Option<f64>,
+    #[command(flatten)]
+    transfer: TransferArgs,
     /// Mode dvr: classify each sample, or each segment between two by integrals
     #[arg(
         long,
@@ -225,16 +320,8 @@ pub(super) struct PictureArgs {
     #[arg(long, value_name = "MM", value_parser = args::not_negative, help_heading = "Camera")]
     near: Option<f64>,
 
-    /// auto, cpu, or part of a graphics adapter's name
-    #[arg(long, default_value = "auto", help_heading = "Machine")]
-    device: String,
-    /// Bound of all memory on the graphics adapter [default: what the picture may need, at most 4GiB, on a software adapter
-    /// 2GiB]
-    #[arg(long, value_name = "SIZE", help_heading = "Machine")]
-    gpu_memory: Option<ByteSize>,
-    /// Decoded bricks kept in host memory [default: 1GiB]
-    #[arg(long, value_name = "SIZE", help_heading = "Machine")]
-    ram: Option<ByteSize>,
+    #[command(flatten)]
+    machine: MachineArgs,
     /// How rays are walked; all give the same picture
     #[arg(long, value_enum, default_value = "default", help_heading = "Machine")]
     technique: TechniqueArg,
@@ -302,18 +389,7 @@ impl PictureArgs {
 
     /// Device and budgets.
     pub(super) fn engine_options(&self) -> EngineOptions {
-        let device = match self.device.as_str() {
-            "auto" => DeviceChoice::Auto,
-            "cpu" => DeviceChoice::Cpu,
-            name => DeviceChoice::Named(name.to_owned()),
-        };
-        let default = EngineOptions::default();
-        EngineOptions {
-            device,
-            gpu_memory_bytes: self.gpu_memory.map(|s| s.0),
-            ram_bytes: self.ram.map_or(default.ram_bytes, |s| s.0),
-            ..default
-        }
+        self.machine.engine_options()
     }
 
     /// The picture that is meant, for the volume of `meta`. Remarks for the user go into `notes`.
@@ -356,8 +432,8 @@ impl PictureArgs {
             background: self.background,
             mode,
             classification: Classification {
-                transfer: self.transfer(mode, meta, notes)?,
-                opacity_unit_mm: self.opacity_unit,
+                transfer: self.transfer.function(mode, meta, notes)?,
+                opacity_unit_mm: self.transfer.opacity_unit_mm(),
                 iso,
                 transfer_mode: match self.tf_mode {
                     TfModeArg::Post => TransferMode::Post,
@@ -390,50 +466,6 @@ impl PictureArgs {
             },
             camera: self.camera(meta)?,
         })
-    }
-
-    fn transfer(
-        &self,
-        mode: Mode,
-        meta: &StoreMeta,
-        notes: &mut Vec<String>,
-    ) -> anyhow::Result<TransferFunction> {
-        let range = match self.window {
-            Some([center, width]) => window_range(center, width).with_context(|| {
-                format!("--window {center},{width}: expected a centre and a width above 0")
-            })?,
-            None => default_window(meta),
-        };
-        // cli.md, "Colour": a ramp is half opaque at its end, except where the look-up is a projection's only one.
-        let top_opacity = if mode.projects() || mode == Mode::Xray {
-            1.0
-        } else {
-            0.5
-        };
-        let Some(name) = &self.tf else {
-            return Ok(grey_ramp(range[0], range[1], top_opacity)?);
-        };
-        if let Some(preset) = Preset::find(name) {
-            return preset
-                .instantiate(range, top_opacity)
-                .with_context(|| format!("--tf {name}"));
-        }
-        let path = PathBuf::from(name);
-        if !name.ends_with(".json") && !path.exists() {
-            bail!(
-                "--tf {name}: no such preset or file; presets are {}",
-                Preset::names()
-            );
-        }
-        let mut functions = read_paraview(&path)?;
-        if functions.len() > 1 {
-            notes.push(format!(
-                "{name} holds {} transfer functions; using the first, '{}'",
-                functions.len(),
-                functions[0].name
-            ));
-        }
-        Ok(functions.swap_remove(0))
     }
 
     fn shading(&self, mode: Mode) -> anyhow::Result<Shading> {

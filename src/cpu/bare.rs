@@ -104,9 +104,9 @@ impl<K: VoxelKind> Kernel for BareTile<'_, K> {
         let mut total = l.f(0.0);
         for y in (0..TILE).step_by(down as usize) {
             for x in (0..TILE).step_by(across as usize) {
-                let frame = self.picture.frame();
                 let at = [self.origin[0] + x, self.origin[1] + y];
-                let packet = Packet::block(l, frame.size, at, frame.place_in_pixel);
+                let frame = self.picture.frame();
+                let packet = Packet::block(l, frame, at, frame.place_in_pixel);
                 let (opacity, taken) = self.packet(l, &packet);
                 samples += taken;
                 total = total + opacity;

@@ -8,11 +8,11 @@ use rayon::prelude::*;
 
 use super::intervals::{ActiveBrick, Intervals};
 use super::simd::GatherBytes;
-use super::skip::{ABOVE, FARTHEST, Seen};
+use super::skip::{Seen, far_away};
 use crate::geom::{
     BLOCKS_PER_BRICK, BRICK_EDGE, BrickGrid, BrickId, Lod, STORED_EDGE, STORED_VOXELS,
 };
-use crate::scene::{LevelFrame, RayFrame};
+use crate::scene::{Extreme, LevelFrame, RayFrame};
 use crate::store::{BrickData, BrickReader, Store, StoreError};
 use crate::volume::StoredType;
 
@@ -41,14 +41,14 @@ struct Decoded {
 /// What the caster needs of a brick.
 #[derive(Clone, Debug)]
 pub(super) struct CastBrick {
-    /// A byte per block ([`super::skip`]), or its greatest value, f32 ([`Purpose::Highest`]).
+    /// A byte per block ([`super::skip`]), or its bound, f32 ([`Purpose::Extreme`]).
     pub(super) blocks: Arc<GatherBytes>,
     /// Its voxels; something of the same length where they have not been read.
     pub(super) voxels: Arc<GatherBytes>,
     /// Are they its own?
     pub(super) has_voxels: bool,
-    /// No sample in it is above this (rounding included).
-    pub(super) highest: f32,
+    /// No sample in it is beyond this ([`Extreme::bound`]); the greatest number there is where nobody asks.
+    pub(super) bound: f32,
 }
 
 /// How a brick's blocks are told.
@@ -56,8 +56,8 @@ pub(super) struct CastBrick {
 pub(super) enum Purpose {
     /// By what can be seen.
     Skip(Seen),
-    /// By their greatest values; voxels are not read before they are asked for.
-    Highest,
+    /// By their extremes; voxels are not read before they are asked for.
+    Extreme(Extreme),
     /// All are active, and every brick is read.
     Everything,
 }
@@ -67,14 +67,9 @@ impl Purpose {
     pub(super) const fn blocks_len(&self) -> usize {
         match self {
             Self::Skip(_) | Self::Everything => BLOCKS_PER_BRICK,
-            Self::Highest => BLOCKS_PER_BRICK * 4,
+            Self::Extreme(_) => BLOCKS_PER_BRICK * 4,
         }
     }
-}
-
-/// An upper bound of interpolated samples of values up to `high`: interpolation rounds.
-fn highest_sample(high: f32) -> f32 {
-    high + high.abs() * (4.0 * f32::EPSILON)
 }
 
 /// What a brick is found by.
@@ -222,7 +217,7 @@ impl LevelClassification {
             let entry = store.entry(BrickId::new(lod, grid.xyz(index)));
             match &purpose {
                 Purpose::Skip(seen) => seen.is_visible([entry.min, entry.max]),
-                Purpose::Highest | Purpose::Everything => true,
+                Purpose::Extreme(_) | Purpose::Everything => true,
             }
         };
         let visible = (0..grid.len()).into_par_iter().filter(is_visible).collect();
@@ -243,8 +238,8 @@ pub(super) struct CastLevel<'a> {
     pub(super) of: Arc<LevelClassification>,
     /// Blocks of a brick of which nothing is known: all may be seen.
     unknown: Arc<GatherBytes>,
-    /// Blocks of a brick in which nothing can be seen: below and above the iso-value.
-    unseen: [Arc<GatherBytes>; 2],
+    /// Blocks of a brick in which nothing can be seen, by zone.
+    unseen: Vec<Arc<GatherBytes>>,
 }
 
 impl<'a> CastLevel<'a> {
@@ -253,13 +248,19 @@ impl<'a> CastLevel<'a> {
         let blocks = |bytes: &[u8]| Arc::new(GatherBytes::new(bytes, len));
         let unknown = match of.purpose {
             Purpose::Skip(_) | Purpose::Everything => vec![0; len],
-            Purpose::Highest => f32::INFINITY.to_le_bytes().repeat(BLOCKS_PER_BRICK),
+            Purpose::Extreme(_) => f32::INFINITY.to_le_bytes().repeat(BLOCKS_PER_BRICK),
+        };
+        let zones = match &of.purpose {
+            Purpose::Skip(seen) => seen.surfaces.len() + 1,
+            Purpose::Extreme(_) | Purpose::Everything => 1,
         };
         Self {
             cache,
             grid: cache.store.level(of.lod).grid,
             unknown: blocks(&unknown),
-            unseen: [FARTHEST, FARTHEST | ABOVE].map(|b| blocks(&[b; BLOCKS_PER_BRICK])),
+            unseen: (0..zones)
+                .map(|zone| blocks(&[far_away(zone); BLOCKS_PER_BRICK]))
+                .collect(),
             of: Arc::clone(of),
         }
     }
@@ -307,7 +308,7 @@ impl<'a> CastLevel<'a> {
             blocks: Arc::clone(&self.unseen[0]),
             voxels: Arc::clone(&self.cache.no_voxels),
             has_voxels: false,
-            highest: f32::MIN,
+            bound: f32::MIN,
         }
     }
 
@@ -335,13 +336,16 @@ impl<'a> CastLevel<'a> {
         let id = BrickId::new(self.of.lod, self.grid.xyz(index));
         let entry = self.cache.store.entry(id);
         let range = [entry.min, entry.max];
-        let highest = highest_sample(entry.max);
-        let known = match &self.of.purpose {
-            Purpose::Everything => None,
-            Purpose::Highest => Some(&self.unknown),
-            Purpose::Skip(seen) if seen.is_visible(range) => None,
-            Purpose::Skip(seen) => Some(&self.unseen[usize::from(seen.is_above(range))]),
-        };
+        let (mut bound, mut known) = (f32::MAX, None);
+        match &self.of.purpose {
+            Purpose::Everything => (),
+            Purpose::Extreme(extreme) => {
+                bound = extreme.bound(self.cache.store.stored_type(), range);
+                known = Some(&self.unknown);
+            }
+            Purpose::Skip(seen) if seen.is_visible(range) => (),
+            Purpose::Skip(seen) => known = Some(&self.unseen[seen.zone(range)]),
+        }
         if let Some(blocks) = known
             && !needs_voxels
         {
@@ -349,7 +353,7 @@ impl<'a> CastLevel<'a> {
                 blocks: Arc::clone(blocks),
                 voxels: Arc::clone(&self.cache.no_voxels),
                 has_voxels: false,
-                highest,
+                bound,
             });
         }
         let decoded = self.cache.get(self.key(id), id, reader, buffer)?;
@@ -357,7 +361,7 @@ impl<'a> CastLevel<'a> {
             blocks: self.classified(&decoded),
             voxels: Arc::clone(&decoded.voxels),
             has_voxels: true,
-            highest,
+            bound,
         })
     }
 
@@ -379,12 +383,11 @@ impl<'a> CastLevel<'a> {
                 let bytes = seen.of_blocks(&decoded.block_ranges);
                 Arc::new(GatherBytes::new(&bytes, len))
             }
-            Purpose::Highest => {
-                let highs = decoded
-                    .block_ranges
-                    .iter()
-                    .flat_map(|&[_, high]| highest_sample(high).to_le_bytes());
-                Arc::new(GatherBytes::new(&highs.collect::<Vec<u8>>(), len))
+            Purpose::Extreme(extreme) => {
+                let stored_type = self.cache.store.stored_type();
+                let ranges = decoded.block_ranges.iter();
+                let bounds = ranges.flat_map(|&r| extreme.bound(stored_type, r).to_le_bytes());
+                Arc::new(GatherBytes::new(&bounds.collect::<Vec<u8>>(), len))
             }
         };
         *last = Some((self.of.generation, Arc::clone(&blocks)));

@@ -105,6 +105,13 @@ pub(super) struct Place<L: Lanes> {
     pub(super) block: L::I,
 }
 
+/// A box of voxels per lane, from `low` to before `high`.
+#[derive(Clone, Copy)]
+pub(super) struct Room<L: Lanes> {
+    low: [L::I; 3],
+    high: [L::I; 3],
+}
+
 /// A level under the lanes, from packet to packet.
 pub(super) struct Field<'n, 'a, L: Lanes> {
     near: &'n mut NearBricks<'a>,
@@ -122,7 +129,7 @@ pub(super) struct Field<'n, 'a, L: Lanes> {
     index: L::I,
     voxels: LaneTable,
     blocks: LaneTable,
-    highest: PerLane<f32>,
+    bounds: PerLane<f32>,
     /// Lanes (bits) whose brick's voxels are there.
     has_voxels: u32,
 }
@@ -151,7 +158,7 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
             index: l.i(-1),
             voxels: LaneTable::new(&nothing.voxels),
             blocks: LaneTable::new(&nothing.blocks),
-            highest: [f32::MIN; MAX_LANES],
+            bounds: [f32::MIN; MAX_LANES],
             has_voxels: 0,
             near,
         }
@@ -160,25 +167,35 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
     /// Where `lanes` are at `offset`; their bricks are made ready.
     #[inline(always)]
     pub(super) fn locate(&mut self, l: L, offset: Vec3<L>, lanes: L::M) -> Place<L> {
+        let (place, index) = self.place(l, offset);
+        let moved = lanes & !l.eq_i(index, self.index);
+        if l.any(moved) {
+            self.enter(l, index, moved, false);
+            self.index = l.pick_i(moved, index, self.index);
+        }
+        place
+    }
+
+    /// Where all lanes are at `offset`, and the numbers of their bricks.
+    #[inline(always)]
+    fn place(&self, l: L, offset: Vec3<L>) -> (Place<L>, L::I) {
         let zero = l.i(0);
         let voxel = axes!(n => {
             let voxel = self.anchor[n] + l.to_i(l.floor(offset[n]));
             l.max_i(l.min_i(voxel, self.last[n]), zero)
         });
         let brick = axes!(n => l.shr::<BRICK_SHIFT>(voxel[n]));
-        let index = brick[0] + brick[1] * self.row + brick[2] * self.layer;
-        let moved = lanes & !l.eq_i(index, self.index);
-        if l.any(moved) {
-            self.enter(l, index, moved, false);
-            self.index = l.pick_i(moved, index, self.index);
-        }
         let in_brick = l.i(BLOCKS_PER_EDGE as i32 - 1);
         let block = axes!(n => l.shr::<BLOCK_SHIFT>(voxel[n]) & in_brick);
-        Place {
+        let place = Place {
             voxel,
             brick: axes!(n => l.shl::<BRICK_SHIFT>(brick[n])),
             block: block[0] + l.shl::<BLOCKS_SHIFT>(block[1] + l.shl::<BLOCKS_SHIFT>(block[2])),
-        }
+        };
+        (
+            place,
+            brick[0] + brick[1] * self.row + brick[2] * self.layer,
+        )
     }
 
     /// Points `lanes` at the bricks of number `index`.
@@ -196,9 +213,9 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
             let brick = self.near.get(first as u64, needs_voxels);
             self.voxels.set(same, &brick.voxels);
             self.blocks.set(same, &brick.blocks);
-            for (lane, highest) in self.highest.iter_mut().enumerate() {
+            for (lane, bound) in self.bounds.iter_mut().enumerate() {
                 if same >> lane & 1 == 1 {
-                    *highest = brick.highest;
+                    *bound = brick.bound;
                 }
             }
             self.has_voxels &= !same;
@@ -230,50 +247,67 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
         self.blocks.gather(l, place.block) & l.i(0xff)
     }
 
-    /// What no sample of the lane's block, and of its brick, is above.
+    /// What no sample of the lane's block, and of its brick, is beyond.
     #[inline(always)]
-    pub(super) fn highest(&self, l: L, place: &Place<L>) -> [L::F; 2] {
-        let brick = l.load_f(&self.highest);
+    pub(super) fn bounds(&self, l: L, place: &Place<L>) -> [L::F; 2] {
+        let brick = l.load_f(&self.bounds);
         let block = l.as_f(self.blocks.gather(l, l.shl::<2>(place.block)));
         [l.min(block, brick), brick]
     }
 
-    /// The first sample behind the blocks that are nearer than `distance` to each lane's, in its brick.
+    /// The blocks that are nearer than `distance` to each lane's, in its brick.
     #[inline(always)]
-    pub(super) fn behind_blocks(
-        &self,
-        l: L,
-        rays: &Rays<L>,
-        place: &Place<L>,
-        distance: L::I,
-    ) -> L::I {
+    pub(super) fn blocks_around(&self, l: L, place: &Place<L>, distance: L::I) -> Room<L> {
         let reach = l.shl::<BLOCK_SHIFT>(distance);
         let size = l.i(BRICK_EDGE as i32);
         let edge = l.i(BLOCK_EDGE as i32);
         let own = axes!(n => l.shl::<BLOCK_SHIFT>(l.shr::<BLOCK_SHIFT>(place.voxel[n])));
-        let low = axes!(n => l.max_i(own[n] + edge - reach, place.brick[n]));
-        let high = axes!(n => l.min_i(own[n] + reach, place.brick[n] + size));
-        self.behind(l, rays, low, high)
+        Room {
+            low: axes!(n => l.max_i(own[n] + edge - reach, place.brick[n])),
+            high: axes!(n => l.min_i(own[n] + reach, place.brick[n] + size)),
+        }
     }
 
-    /// The first sample behind each lane's brick.
+    /// Each lane's brick.
     #[inline(always)]
-    pub(super) fn behind_brick(&self, l: L, rays: &Rays<L>, place: &Place<L>) -> L::I {
+    pub(super) fn whole_brick(&self, l: L, place: &Place<L>) -> Room<L> {
         let size = l.i(BRICK_EDGE as i32);
-        self.behind(l, rays, place.brick, axes!(n => place.brick[n] + size))
+        Room {
+            low: place.brick,
+            high: axes!(n => place.brick[n] + size),
+        }
     }
 
-    /// The first sample behind the box from voxel `low` to `high`. Rounding may take it a hair beyond: the ranges of
-    /// blocks cover half a voxel more.
+    /// The first sample behind `room`. Rounding may take it a hair beyond: the ranges of blocks cover half a voxel more.
     #[inline(always)]
-    fn behind(&self, l: L, rays: &Rays<L>, low: [L::I; 3], high: [L::I; 3]) -> L::I {
+    pub(super) fn behind(&self, l: L, rays: &Rays<L>, room: &Room<L>) -> L::I {
+        let end = self.end(l, rays, room);
+        l.to_i(l.floor(l.max(l.min(end, l.f(1e9)), l.f(-1.0)))) + l.i(1)
+    }
+
+    /// Where the rays leave `room`, in samples.
+    #[inline(always)]
+    pub(super) fn end(&self, l: L, rays: &Rays<L>, room: &Room<L>) -> L::F {
+        let t = self.passes(l, rays, &room.high, &room.low);
+        l.min(l.min(t[0], t[1]), t[2])
+    }
+
+    /// Where they enter it. Through the face by which they left its neighbour: the same number.
+    #[inline(always)]
+    pub(super) fn begin(&self, l: L, rays: &Rays<L>, room: &Room<L>) -> L::F {
+        let t = self.passes(l, rays, &room.low, &room.high);
+        l.max(l.max(t[0], t[1]), t[2])
+    }
+
+    /// Where they pass the planes before the voxels `rising` along the axes on which they rise, `falling` on the others.
+    #[inline(always)]
+    fn passes(&self, l: L, rays: &Rays<L>, rising: &[L::I; 3], falling: &[L::I; 3]) -> Vec3<L> {
         let zero = l.f(0.0);
-        let t = axes!(n => {
-            let face = l.pick_i(l.gt(rays.step[n], zero), high[n], low[n]) - self.anchor[n];
+        axes!(n => {
+            let rises = l.gt(rays.step[n], zero);
+            let face = l.pick_i(rises, rising[n], falling[n]) - self.anchor[n];
             (l.to_f(face) - rays.base[n]) * rays.inverse_step[n]
-        });
-        let t = l.min(l.min(t[0], t[1]), t[2]);
-        l.to_i(l.floor(l.max(l.min(t, l.f(1e9)), l.f(-1.0)))) + l.i(1)
+        })
     }
 
     /// Bytes from the beginning of the bricks to voxel `voxel` of the level, which is in them or their border.
@@ -302,19 +336,42 @@ impl<'n, 'a, L: Lanes> Field<'n, 'a, L> {
         trilinear_at::<L, K>(l, &self.voxels, at, [row, EDGE * row], f)
     }
 
-    /// Central differences at ±½ voxel of the level (design.md §3), per level voxel.
+    /// The values at `offset`, at most a voxel beyond the bricks of `place`, that `lanes` need: from the next brick where a
+    /// voxel is neither in theirs nor in its border. Without a seam: borders are the neighbours' voxels.
     #[inline(always)]
-    pub(super) fn gradient<K: VoxelKind>(&self, l: L, place: &Place<L>, at: Vec3<L>) -> Vec3<L> {
-        let half = l.f(0.5);
-        let mut gradient = at;
-        // A loop, so that there is less code to compile.
-        for n in 0..3 {
-            let (mut after, mut before) = (at, at);
-            after[n] = at[n] + half;
-            before[n] = at[n] - half;
-            gradient[n] = self.value::<K>(l, place, after) - self.value::<K>(l, place, before);
+    pub(super) fn value_beside<K: VoxelKind>(
+        &mut self,
+        l: L,
+        place: &Place<L>,
+        offset: Vec3<L>,
+        lanes: L::M,
+    ) -> L::F {
+        // Outside the level the edge voxel repeats: values are those at its faces.
+        let offset = axes!(n => {
+            let low = l.to_f(l.i(0) - self.anchor[n]);
+            let high = l.to_f(self.last[n] + l.i(1) - self.anchor[n]);
+            l.max(l.min(offset[n], high), low)
+        });
+        let border = l.i(BRICK_BORDER as i32);
+        let beyond = axes!(n => {
+            let first = l.to_i(l.floor(offset[n] - self.shift)) + self.anchor[n] - place.brick[n];
+            // The second of two voxels may be in the border.
+            let is_behind = l.gt_i(first + l.i(1), l.i(BRICK_EDGE as i32 - 1) + border);
+            l.gt_i(l.i(0) - border, first) | is_behind
+        });
+        let beyond = (beyond[0] | beyond[1] | beyond[2]) & lanes;
+        if !l.any(beyond) {
+            return self.value::<K>(l, place, offset);
         }
-        gradient
+        let (there, index) = self.place(l, offset);
+        self.enter(l, index, beyond, true);
+        let mixed = Place {
+            brick: axes!(n => l.pick_i(beyond, there.brick[n], place.brick[n])),
+            ..*place
+        };
+        let value = self.value::<K>(l, &mixed, offset);
+        self.enter(l, self.index, beyond, true);
+        value
     }
 }
 

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::simd::GatherBytes;
 use crate::camera::Projection;
 use crate::geom::{BLOCK_EDGE, BLOCKS_PER_BRICK, BLOCKS_PER_EDGE, BRICK_EDGE};
-use crate::scene::{LevelFrame, RayFrame};
+use crate::scene::{Jitter, LevelFrame, RayFrame};
 
 /// Pixels along the edge of a cell.
 pub(super) const CELL: u32 = 4;
@@ -184,9 +184,10 @@ impl<'a> Projector<'a> {
             Projection::Orthographic => ([nearest, farthest], [1.0, 1.0]),
         };
         let index = |t: f64| (t - self.frame.first_mm_exact) / self.level.step_mm_exact;
-        // `as` saturates. One sample more on each side: a segment has two ends.
+        // `as` saturates. One sample more on each side: a segment has two ends. Jitter moves samples away by up to one.
+        let moved = i32::from(self.frame.jitter != Jitter::None);
         let interval = [
-            index(t0).floor() as i32 - 1,
+            index(t0).floor() as i32 - 1 - moved,
             (index(t1).ceil() as i32).saturating_add(1),
         ];
         // A box across the eye's plane may be anywhere in the picture.
@@ -234,7 +235,7 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::geom::Lod;
-    use crate::scene::{GridParams, Jitter, LodRule};
+    use crate::scene::{GridParams, LodRule};
 
     /// Every sample of every ray that lies in an active block is inside its cell's interval.
     #[test]
@@ -245,7 +246,7 @@ mod tests {
             glam::DQuat::from_rotation_z(0.3),
             DVec3::new(5.0, -40.0, 3.0),
         );
-        let params = GridParams {
+        let still = GridParams {
             jitter: Jitter::None,
             dims,
             level_scales: vec![DVec3::ONE],
@@ -258,11 +259,15 @@ mod tests {
         let brick_at = DVec3::new(32.0, 32.0, 0.0);
         let middle = world_from_index.transform_point3(dims.as_dvec3() / 2.0);
         let mut taken = 0;
-        for (n, projection) in [
-            (0, Projection::Perspective),
-            (1, Projection::Orthographic),
-            (2, Projection::Perspective),
+        for (n, projection, jitter) in [
+            (0, Projection::Perspective, Jitter::Interleaved),
+            (1, Projection::Orthographic, Jitter::Interleaved),
+            (2, Projection::Perspective, Jitter::None),
         ] {
+            let params = GridParams {
+                jitter,
+                ..still.clone()
+            };
             // From outside, and from inside, close to the blocks.
             let eye = middle + DVec3::new(30.0, -150.0, 40.0) * [1.0, 1.0, 0.02][n];
             let camera = Camera {
@@ -289,7 +294,8 @@ mod tests {
                     };
                     let length = at(&frame.world_dir).length();
                     for i in 0..frame.last_index as i32 {
-                        let t = frame.first_mm_exact + f64::from(i) * level.step_mm_exact;
+                        let first_mm = f64::from(frame.first_mm_of_pixel(x, y));
+                        let t = first_mm + f64::from(i) * level.step_mm_exact;
                         let p = at(&level.level_origin)
                             + level.anchor.as_dvec3()
                             + at(&level.level_dir) * (t / length);

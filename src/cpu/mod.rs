@@ -8,13 +8,19 @@
 mod bare;
 mod bricks;
 mod cast;
+mod composite;
 mod field;
+mod gradient;
 mod intervals;
 mod light;
 mod picture;
+mod projection;
 mod rays;
+mod segments;
 mod simd;
 mod skip;
+mod span;
+mod surfaces;
 mod table;
 
 pub use bare::DenseArray;

@@ -7,17 +7,19 @@ use glam::Vec4;
 use rayon::prelude::*;
 
 use super::bricks::{BrickCache, CastLevel, LevelClassification, NearBricks, Purpose};
-use super::cast::{Colors, Scene, cast};
+use super::cast::{Colors, Scene, Search, cast};
 use super::field::{Field, VoxelKind, with_voxel_kind};
 use super::intervals::Intervals;
+use super::light::Light;
 use super::rays::Packet;
 use super::simd::{InstructionSet, Kernel, Lanes};
 use super::skip::Seen;
-use super::table::Table;
+use super::surfaces::SurfaceTable;
+use super::table::{SegmentTable, Table};
 use crate::geom::Lod;
 use crate::scene::{
-    AntiAliasing, Classified, Image, Mode, PictureSettings, RayCounts, RayFrame, RaySet, Technique,
-    add_ray,
+    AntiAliasing, Classified, Extreme, Image, Mode, PictureSettings, RayCounts, RayFrame, RaySet,
+    ShadingModel, Technique, add_ray,
 };
 use crate::store::{Store, StoreError};
 
@@ -248,11 +250,16 @@ impl CpuRenderer {
         for (level, classified) in picture.frame.used().iter().zip(&picture.classified.levels) {
             self.cache.store().check_level(level.lod)?;
             let purpose = match (picture.settings.technique, picture.settings.mode) {
-                (Technique::Basic, _) => Purpose::Everything,
-                (_, Mode::Mip) => Purpose::Highest,
-                (_, _) => Purpose::Skip(Seen {
+                (Technique::Basic, _) | (_, Mode::Mean) => Purpose::Everything,
+                (_, mode @ (Mode::Mip | Mode::MinIp)) => Purpose::Extreme(Extreme::of_mode(mode)),
+                (_, Mode::Dvr | Mode::Iso | Mode::Xray | Mode::Gradient) => Purpose::Skip(Seen {
                     visibility: classified.visibility.clone(),
-                    iso: picture.classified.surfaces.first().map(|s| s.value),
+                    surfaces: picture
+                        .classified
+                        .surfaces
+                        .iter()
+                        .map(|s| s.value)
+                        .collect(),
                 }),
             };
             levels.push(self.classified(level.lod, purpose));
@@ -280,22 +287,32 @@ impl CpuRenderer {
 
 fn scene_of(picture: &CpuPicture) -> Scene<'_> {
     let (settings, classified) = (&picture.settings, &picture.classified);
+    let levels = classified.levels.iter();
+    let (extreme, range) = (Extreme::of_mode(settings.mode), classified.value_range);
     Scene {
         frame: &picture.frame,
-        tables: &picture.tables,
-        intervals: picture.intervals.as_deref().unwrap_or_default(),
-        light: Scene::light_of(settings),
         mode: settings.mode,
+        tables: &picture.tables,
+        segments: levels
+            .filter_map(|l| l.preintegrated.as_ref().map(SegmentTable::new))
+            .collect(),
+        intervals: picture.intervals.as_deref().unwrap_or_default(),
+        skips: settings.technique != Technique::Basic,
+        light: match settings.shading.model {
+            ShadingModel::None => None,
+            ShadingModel::Phong => Some(Light::new(&settings.shading)),
+        },
+        gradient_filter: settings.shading.gradient,
+        gradient_scale: (settings.mode == Mode::Gradient).then_some(classified.gradient_scale),
         interpolation: settings.interpolation,
-        iso_stored: classified.surfaces.first().map_or(0.0, |s| s.value),
-        iso_color: classified
-            .surfaces
-            .first()
-            .map_or([1.0; 3], |s| s.color.to_array()),
+        surfaces: SurfaceTable::new(&classified.surfaces),
         refine: settings.refine,
         opacity_cutoff: settings.opacity_cutoff,
-        floor: classified.value_range[0],
-        culls: settings.technique == Technique::Default,
+        search: Search {
+            sign: extreme.sign(),
+            begin: extreme.begin(range),
+            end: classified.extreme_end,
+        },
     }
 }
 
@@ -359,12 +376,12 @@ impl<'s> Part<'s> {
         match self {
             Self::Tile { origin, size } => {
                 let [x, y] = first_of_packet::<L>(size[0], packet);
-                Packet::block(l, frame.size, [origin[0] + x, origin[1] + y], place)
+                Packet::block(l, frame, [origin[0] + x, origin[1] + y], place)
             }
             Self::List(list) => {
                 let from = packet * L::WIDTH;
                 let to = list.len().min(from + L::WIDTH);
-                Packet::listed(l, frame.size, &list[from..to], place)
+                Packet::listed(l, frame, &list[from..to], place)
             }
         }
     }

@@ -46,6 +46,8 @@ pub(super) struct Packet<L: Lanes> {
     /// Image-plane coordinates of the rays.
     u: L::F,
     v: L::F,
+    /// Distances of their samples 0, mm.
+    first_mm: L::F,
     /// Those inside the picture.
     pub(super) inside: L::M,
     /// Pixels that stand for all of them where something is known by cell: the first so many.
@@ -57,44 +59,46 @@ impl<L: Lanes> Packet<L> {
     /// A block of neighbours, of which `(x, y)` is the first; `place`: where in its pixel each ray passes. Blocks are not
     /// larger than cells.
     #[inline(always)]
-    pub(super) fn block(l: L, size: [u32; 2], [x, y]: [u32; 2], place: [f32; 2]) -> Self {
+    pub(super) fn block(l: L, frame: &RayFrame, [x, y]: [u32; 2], place: [f32; 2]) -> Self {
         let [across, _] = L::SHAPE;
         let mut pixels = [[x, y]; MAX_LANES];
         let mut bits = 0;
         for lane in 0..L::WIDTH as u32 {
             let [px, py] = [x + lane % across, y + lane / across];
             pixels[lane as usize] = [px, py];
-            bits |= u32::from(px < size[0] && py < size[1]) << lane;
+            bits |= u32::from(px < frame.size[0] && py < frame.size[1]) << lane;
         }
-        Self::new(l, size, pixels, place, (bits, 1))
+        Self::new(l, frame, pixels, place, (bits, 1))
     }
 
     /// Pixels of the picture from a list: at least one, at most one per lane.
     #[inline(always)]
-    pub(super) fn listed(l: L, size: [u32; 2], list: &[[u32; 2]], place: [f32; 2]) -> Self {
+    pub(super) fn listed(l: L, frame: &RayFrame, list: &[[u32; 2]], place: [f32; 2]) -> Self {
         let mut pixels = [list[0]; MAX_LANES];
         pixels[..list.len()].copy_from_slice(list);
         let bits = ((1_u64 << list.len()) - 1) as u32;
-        Self::new(l, size, pixels, place, (bits, list.len()))
+        Self::new(l, frame, pixels, place, (bits, list.len()))
     }
 
     #[inline(always)]
     fn new(
         l: L,
-        size: [u32; 2],
+        frame: &RayFrame,
         pixels: [[u32; 2]; MAX_LANES],
         place: [f32; 2],
         (inside, cells): (u32, usize),
     ) -> Self {
-        let mut at = [[0.0; MAX_LANES]; 2];
-        for lane in 0..L::WIDTH {
-            at[0][lane] = pixels[lane][0] as f32;
-            at[1][lane] = pixels[lane][1] as f32;
+        let mut at = [[0.0; MAX_LANES]; 3];
+        for (lane, &[x, y]) in pixels.iter().take(L::WIDTH).enumerate() {
+            let [u, v] = frame.plane_at(x, y, place);
+            at[0][lane] = u;
+            at[1][lane] = v;
+            at[2][lane] = frame.first_mm_of_pixel(x, y);
         }
-        let one = l.f(1.0);
         Self {
-            u: (l.load_f(&at[0]) + l.f(place[0])) * l.f(2.0 / size[0] as f32) - one,
-            v: one - (l.load_f(&at[1]) + l.f(place[1])) * l.f(2.0 / size[1] as f32),
+            u: l.load_f(&at[0]),
+            v: l.load_f(&at[1]),
+            first_mm: l.load_f(&at[2]),
             inside: l.mask(inside),
             cells_of: pixels,
             cells,
@@ -140,7 +144,7 @@ impl<L: Lanes> Rays<L> {
         let inverse = one / length;
         let direction = packet.at(l, &level.level_dir);
         let origin = packet.at(l, &level.level_origin);
-        let to_first = inverse * l.f(frame.first_mm);
+        let to_first = inverse * packet.first_mm;
         let base = axes!(n => origin[n] + direction[n] * to_first);
         let still = l.f(1e-20);
         let exact = scaled::<L>(direction, inverse * l.f(level.step_mm));
@@ -155,7 +159,7 @@ impl<L: Lanes> Rays<L> {
         let farther = axes!(n => l.max(to_min[n], to_max[n]));
         let near = l.max(l.max(nearer[0], nearer[1]), nearer[2]);
         let far = l.min(l.min(farther[0], farther[1]), farther[2]);
-        let near_plane = (l.f(frame.near_mm) * length - l.f(frame.first_mm)) / l.f(level.step_mm);
+        let near_plane = (l.f(frame.near_mm) * length - packet.first_mm) / l.f(level.step_mm);
         let zero = l.f(0.0);
         let first = l.max(l.max(near, near_plane), l.f(level.begin as f32));
         let ceil = zero - l.floor(zero - first);

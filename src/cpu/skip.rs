@@ -2,24 +2,37 @@
 
 use crate::classify::{Occupancy, Visibility};
 use crate::geom::{BLOCKS_PER_BRICK, BLOCKS_PER_EDGE};
+use crate::scene::IsoSurface;
 
-/// Bit of a block's byte: what can't be seen in it lies above the iso-value.
-pub(super) const ABOVE: u8 = 0x80;
-/// The other bits: distance to the nearest active block of the brick, in blocks along the farthest axis (Chebyshev's
-/// metric); 0 in an active block, and this, the edge of a brick, where none is active. All blocks that are nearer are
-/// inactive, and connected by faces, so that they are on one side of the iso-value.
+/// Bits 0 to 3 of a block's byte: distance to the nearest active block of the brick, in blocks along the farthest axis
+/// (Chebyshev's metric); 0 in an active block, and [`FARTHEST`], the edge of a brick, where none is active. All blocks that are
+/// nearer are inactive, and connected by faces, so that they are in one zone.
+pub(super) const DISTANCE: u8 = 0x0f;
+/// The greatest distance.
 pub(super) const FARTHEST: u8 = BLOCKS_PER_EDGE as u8;
+/// Behind so many bits: of how many iso-values an inactive block lies above; 0 in an active block.
+pub(super) const ZONE_SHIFT: u32 = 4;
+
+const _: () = assert!(
+    FARTHEST <= DISTANCE && IsoSurface::MOST < 16,
+    "a byte has room for both"
+);
 
 /// The bytes of a brick, x fastest.
 pub(super) type SkipBytes = [u8; BLOCKS_PER_BRICK];
+
+/// The byte of blocks of zone number `zone` in a brick that has no active one.
+pub(super) fn far_away(zone: usize) -> u8 {
+    FARTHEST | (zone as u8) << ZONE_SHIFT
+}
 
 /// What the caster does in a level's blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Seen {
     /// Which ranges of values can be seen.
     pub(super) visibility: Visibility,
-    /// The iso-value that tells the two sides of what can't.
-    pub(super) iso: Option<f32>,
+    /// The iso-values, rising, that tell the zones of what can't.
+    pub(super) surfaces: Vec<f32>,
 }
 
 impl Seen {
@@ -28,9 +41,9 @@ impl Seen {
         self.visibility.is_visible(low, high)
     }
 
-    /// Is what can't be seen in `range` above the iso-value?
-    pub(super) fn is_above(&self, [low, _]: [f32; 2]) -> bool {
-        self.iso.is_some_and(|iso| low > iso)
+    /// Above how many of the iso-values does a range lie that can't be seen?
+    pub(super) fn zone(&self, [low, _]: [f32; 2]) -> usize {
+        self.surfaces.iter().filter(|&&value| low >= value).count()
     }
 
     /// The bytes of a brick whose blocks have these ranges.
@@ -49,12 +62,7 @@ impl Seen {
                 let mut new = grown[z] & !reached[z];
                 while new != 0 {
                     let block = 64 * z + new.trailing_zeros() as usize;
-                    let above = if self.is_above(ranges[block]) {
-                        ABOVE
-                    } else {
-                        0
-                    };
-                    bytes[block] = distance | above;
+                    bytes[block] = distance | (self.zone(ranges[block]) as u8) << ZONE_SHIFT;
                     new &= new - 1;
                 }
             }
@@ -93,7 +101,7 @@ mod tests {
             for &p in &places {
                 ranges[p] = [0.0, 9.0];
             }
-            let seen = Seen { visibility: Visibility::AboveMinimum { floor: 5.0 }, iso: None };
+            let seen = Seen { visibility: Visibility::AboveMinimum { floor: 5.0 }, surfaces: Vec::new() };
             let bytes = seen.of_blocks(&ranges);
             let at = |b: usize| [b % 8, b / 8 % 8, b / 64];
             for (b, &byte) in bytes.iter().enumerate() {
@@ -108,17 +116,24 @@ mod tests {
     }
 
     #[test]
-    fn sides_are_told() {
+    fn zones_are_told() {
+        let values = [5.0, 6.5, 7.5];
         let seen = Seen {
-            visibility: Visibility::iso(&[5.0], [0.0, 9.0]),
-            iso: Some(5.0),
+            visibility: Visibility::iso(&values, [0.0, 9.0]),
+            surfaces: values.to_vec(),
         };
         let mut ranges = [[0.0, 1.0]; 512];
-        ranges[0] = [7.0, 8.0];
-        ranges[1] = [4.0, 6.0];
+        ranges[0] = [8.0, 9.0];
+        ranges[1] = [4.0, 8.0];
+        ranges[2] = [5.5, 6.0];
         let bytes = seen.of_blocks(&ranges);
-        assert_eq!(bytes[0], 1 | ABOVE, "above, beside an active one");
+        assert_eq!(
+            bytes[0],
+            1 | 3 << ZONE_SHIFT,
+            "above all, beside an active one"
+        );
         assert_eq!(bytes[1], 0, "active");
-        assert_eq!(bytes[3], 2, "below");
+        assert_eq!(bytes[2], 1 | 1 << ZONE_SHIFT, "above one");
+        assert_eq!(bytes[3], 2, "below all");
     }
 }

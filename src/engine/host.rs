@@ -7,7 +7,6 @@ use std::time::Instant;
 use super::bare::{BareRate, BareRates};
 use super::{
     DeviceChoice, EngineError, EngineOptions, Picture, TickBudget, TickEvent, TickReport, prepare,
-    refuse_unbuilt,
 };
 use crate::camera::Camera;
 use crate::clock::Stopwatch;
@@ -293,7 +292,6 @@ fn mark(live: &mut Live, event: TickEvent) {
 
 /// A picture made ready to be drawn.
 fn begin(store: &Store, settings: &PictureSettings) -> Result<CpuPicture, EngineError> {
-    refuse_unbuilt(settings)?;
     let (frame, classified) = prepare(store, settings)?;
     for level in frame.used() {
         let bricks = store.level(level.lod).grid.len();

@@ -3,6 +3,7 @@
 //! Wiring only: it hands the pager's plans to the loader and to `render`, and the same settings to `cpu` when the device is
 //! the CPU. No algorithm lives here, and nothing above it names `render`, `gpu` or `pager`.
 
+mod active;
 mod bare;
 #[cfg(feature = "gpu")]
 mod device;
@@ -15,6 +16,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+pub use active::ActiveShare;
 pub use bare::{BareRate, BareRates};
 #[cfg(feature = "gpu")]
 pub use options::LeapFault;
@@ -25,10 +27,7 @@ pub use options::{
 pub use picture::Picture;
 pub use tick::{TickBudget, TickEvent, TickReport};
 
-use crate::scene::{
-    Classified, GradientFilter, GridParams, IsoSurface, Jitter, Mode, PictureSettings, RayFrame,
-    SceneError, Technique,
-};
+use crate::scene::{Classified, GridParams, PictureSettings, RayFrame, SceneError};
 use crate::store::{Store, StoreMeta};
 use host::HostDevice;
 
@@ -104,6 +103,15 @@ impl Engine {
             Device::Cpu(cpu) => cpu.name(),
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.name(),
+        }
+    }
+
+    /// Is the processor what draws, be it as a graphics adapter in software? Its clock then tells what pictures cost.
+    pub fn draws_on_processor(&self) -> bool {
+        match &self.device {
+            Device::Cpu(_) => true,
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.is_software(),
         }
     }
 
@@ -229,30 +237,6 @@ fn open_device(
 }
 
 /// The sample grid and the classification of a picture.
-/// What no graphics device and no CPU renderer draws yet.
-fn refuse_unbuilt(settings: &PictureSettings) -> Result<(), EngineError> {
-    let one_opaque = |s: &[IsoSurface]| matches!(s, [one] if one.opacity == 1.0);
-    let what = if !matches!(
-        settings.mode,
-        Mode::Dvr | Mode::Iso | Mode::Mip | Mode::Xray
-    ) {
-        settings.mode.name()
-    } else if settings.mode == Mode::Iso && !one_opaque(&settings.classification.iso) {
-        "several or translucent surfaces"
-    } else if settings.is_preintegrated() {
-        "pre-integrated classification"
-    } else if settings.jitter != Jitter::None {
-        "jitter"
-    } else if settings.shading.gradient != GradientFilter::Central {
-        "filtered gradients"
-    } else if !matches!(settings.technique, Technique::Default | Technique::Basic) {
-        settings.technique.name()
-    } else {
-        return Ok(());
-    };
-    Err(EngineError::NotBuilt { what })
-}
-
 fn prepare(
     store: &Store,
     settings: &PictureSettings,

@@ -1,10 +1,12 @@
 //! What an engine is opened with, and what can go wrong.
 
+use std::num::NonZeroU32;
+
 use thiserror::Error;
 
 pub use crate::cpu::InstructionSet;
 pub use crate::pager::ReadHook;
-use crate::scene::SceneError;
+use crate::scene::{SceneError, SlabShape};
 use crate::store::StoreError;
 
 #[cfg(feature = "gpu")]
@@ -68,8 +70,12 @@ pub struct EngineOptions {
     pub max_slots: Option<u64>,
     /// Edge of an atlas texture at most, texels, for tests; more than the adapter's is the adapter's.
     pub max_atlas_edge: u32,
+    /// Samples of a ray in a pass of techniques multipass and layers; `None`: their own.
+    pub pass_samples: Option<NonZeroU32>,
     /// The vector instructions of the CPU renderer, for tests; `None`: the best that the processor has.
     pub instructions: Option<InstructionSet>,
+    /// The slabs of technique slab on the GPU: work-groups, and samples at once. Where the GPU memory is small, fewer samples.
+    pub slab: SlabShape,
     /// Keep how long each brick waits for its slot, for measurements ([`super::Engine::take_waits_ms`])?
     pub keep_waits: bool,
     /// What leaping does wrong, for tests.
@@ -91,7 +97,9 @@ impl Default for EngineOptions {
             slot_order_seed: 0,
             max_slots: None,
             max_atlas_edge: u32::MAX,
+            pass_samples: None,
             instructions: None,
+            slab: SlabShape::default(),
             keep_waits: false,
             #[cfg(feature = "gpu")]
             leap_fault: None,
@@ -123,6 +131,24 @@ pub enum EngineError {
         "level {lod} of the store has {bricks} bricks, but at most {most} can be drawn on the CPU; draw a coarser one with --lod"
     )]
     TooManyBricks { lod: u8, bricks: u64, most: u64 },
+    #[error(
+        "slabs of {shape} rays and samples are of no shape that can be drawn: a multiple of 4 and one of 2 rays, at least 8 of each, and 1 to {} samples",
+        SlabShape::MOST_SAMPLES
+    )]
+    SlabShape { shape: SlabShape },
+    #[error(
+        "technique slab takes gradients from neighbouring rays, whose samples must lie at the same distances; draw it without jitter"
+    )]
+    SlabJitter,
+    #[error(
+        "slabs of {shape} rays and samples need {needed} {what} of a work-group, but the device has {most}; take smaller ones"
+    )]
+    SlabLimit {
+        shape: SlabShape,
+        what: &'static str,
+        needed: u32,
+        most: u32,
+    },
     #[error("a worker thread ended without a result; its panic message says why")]
     Worker,
     #[error("{brick} could not be read; the reason was given before")]

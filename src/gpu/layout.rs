@@ -95,7 +95,7 @@ shared! {
         bits_at: u32,
         orders_at: u32,
         extreme_scale: f32,
-        pad2: u32,
+        extreme_end: f32,
         pad3: u32,
         pad4: u32,
         levels: [LevelUniforms; MAX_LEVELS as usize],
@@ -208,12 +208,16 @@ constants! {
     RAY_HAS_BEFORE = 1 << 10;
     /// The ray meets the volume.
     RAY_INSIDE = 1 << 11;
+    /// The ray waits for a brick until the host's next submission.
+    RAY_STOPPED = 1 << 30;
     /// Word of the feedback: 2³² − 1 − number of the first stopped pixel of the tile; 0 when none stopped.
     FEEDBACK_FIRST_STOPPED = 0;
     /// Word of the feedback: rays that stopped.
     FEEDBACK_STOPPED = 1;
     /// Word of the feedback: bricks that were asked for, also those that no longer fit the list.
     FEEDBACK_LISTED = 2;
+    /// Word of the feedback: pixels that technique multipass has listed so far; 0 between its passes.
+    FEEDBACK_LIVE = 3;
     /// Words of the feedback: unfinished rays of each work-group of a tile.
     FEEDBACK_PENDING = 16;
     /// Bits of a brick's hash under which the rays that miss it are counted.
@@ -228,14 +232,24 @@ constants! {
     FEEDBACK_LIMIT = 0;
     /// Word of the host's orders: levels that are sampled, and the coarser ones that can stand in.
     FEEDBACK_LEVELS = 1;
-    /// Word of the host's orders: 1 for mesh interval, brick and block skipping, else 0.
+    /// Word of the host's orders: what is skipped, 0 or one of SKIP_*.
     FEEDBACK_SKIP = 2;
+    /// What is skipped: all outside the mesh interval, and bricks and blocks in it.
+    SKIP_BLOCKS = 1;
+    /// What is skipped: all outside the mesh interval.
+    SKIP_OUTSIDE = 2;
     /// Word of the host's orders: 1 where work-groups are parts of the list of pixels, 0 where they are of the tile.
     FEEDBACK_PIXELS = 3;
+    /// Word of the host's orders: 1 where the caster's work-groups are of the list of pixels that a pass before has made.
+    FEEDBACK_COMPACTED = 4;
+    /// Word of the host's orders: 1 where the caster doesn't tell which rays are not finished: a pass behind it does.
+    FEEDBACK_QUIET = 5;
     /// Words of the host's orders: the list of work-groups.
-    FEEDBACK_GROUPS = 4;
+    FEEDBACK_GROUPS = 6;
     /// Words of the feedback up to here are of one dispatch.
     FEEDBACK_HEAD = FEEDBACK_LIST + FEEDBACK_LIST_MAX;
+    /// Edge of the cells whose samples technique layers counts, pixels: two work-groups.
+    CELL_EDGE = 16;
     /// Most work-groups of a tile.
     MAX_GROUPS = 1 << 14;
 }

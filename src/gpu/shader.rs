@@ -63,7 +63,10 @@ const SHADE: Part = part!("lib/shade.wgsl");
 const INTERVAL: Part = part!("lib/interval.wgsl");
 const WALK: Part = part!("lib/walk.wgsl");
 const FEEDBACK: Part = part!("lib/feedback.wgsl");
+const CAST: Part = part!("lib/cast.wgsl");
 const RAYCAST: Part = part!("pass/raycast.wgsl");
+const DIRECT: Part = part!("lib/direct.wgsl");
+const SLAB: Part = part!("lib/slab.wgsl");
 const GRADIENT: Part = part!("lib/gradient.wgsl");
 const BARE_EXACT: Part = part!("lib/bare_exact.wgsl");
 const BARE: Part = part!("pass/bare.wgsl");
@@ -78,6 +81,24 @@ pub const BOUNDS: ShaderSource = ShaderSource {
 pub const LEAP: ShaderSource = ShaderSource {
     name: "leap",
     parts: &[TYPES, FRAME, RAY, part!("pass/leap.wgsl")],
+};
+
+/// Which rays are not finished, after several passes.
+pub const REPORT: ShaderSource = ShaderSource {
+    name: "report",
+    parts: &[TYPES, FRAME, CAST, part!("pass/report.wgsl")],
+};
+
+/// The rays that go on, between two passes of technique multipass.
+pub const COMPACT: ShaderSource = ShaderSource {
+    name: "compact",
+    parts: &[TYPES, FRAME, CAST, part!("pass/compact.wgsl")],
+};
+
+/// The samples that are left, before the passes of technique layers.
+pub const LAYERS: ShaderSource = ShaderSource {
+    name: "layers",
+    parts: &[TYPES, FRAME, CAST, RAY, INTERVAL, part!("pass/layers.wgsl")],
 };
 
 /// Which part reads the atlas.
@@ -110,28 +131,31 @@ pub enum ModePart {
 
 /// The casters: one for each part that reads the atlas and each that tells the mode.
 macro_rules! casters {
-    ($(#[$meta:meta])* $name:ident, $word:literal, $pass:expr; $($mode:ident $file:literal [$($part:expr),*];)*) => {
+    ($(#[$meta:meta])* $name:ident, $word:literal, $pass:literal; $($mode:ident $file:literal [$($part:expr),*];)*) => {
         $(#[$meta])*
         pub const $name: &[(ModePart, AtlasPart, ShaderSource)] = &[$(
             (ModePart::$mode, AtlasPart::Filtered, ShaderSource {
                 name: concat!($word, "_", $file, "_filtered"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_filtered.wgsl"), RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
+                    part!(concat!("pass/", $pass, ".wgsl")),
                 ],
             }),
             (ModePart::$mode, AtlasPart::Float, ShaderSource {
                 name: concat!($word, "_", $file, "_float"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_float.wgsl"), EXACT, RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
+                    part!(concat!("pass/", $pass, ".wgsl")),
                 ],
             }),
             (ModePart::$mode, AtlasPart::Uint, ShaderSource {
                 name: concat!($word, "_", $file, "_uint"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_uint.wgsl"), EXACT, RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, part!(concat!("mode/", $file, ".wgsl")), $pass,
+                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
+                    part!(concat!("pass/", $pass, ".wgsl")),
                 ],
             }),
         )*];
@@ -140,13 +164,24 @@ macro_rules! casters {
 
 casters! {
     /// The caster of every technique in which each ray walks by itself.
-    RAYCASTERS, "raycast", RAYCAST;
-    Post "post" [CLASSIFY, GRADIENT, SHADE];
-    Preintegrated "preintegrated" [GRADIENT, SHADE];
-    Gradient "gradient" [CLASSIFY, GRADIENT, SHADE];
-    Surfaces "surfaces" [GRADIENT, SHADE];
-    Extreme "extreme" [CLASSIFY];
-    Mean "mean" [CLASSIFY];
+    RAYCASTERS, "raycast", "cast_rays";
+    Post "post" [DIRECT, CLASSIFY, GRADIENT, SHADE];
+    Preintegrated "preintegrated" [DIRECT, GRADIENT, SHADE];
+    Gradient "gradient" [DIRECT, CLASSIFY, GRADIENT, SHADE];
+    Surfaces "surfaces" [DIRECT, GRADIENT, SHADE];
+    Extreme "extreme" [DIRECT, CLASSIFY];
+    Mean "mean" [DIRECT, CLASSIFY];
+}
+
+casters! {
+    /// The caster in which a work-group's rays advance together, with their values in workgroup memory.
+    SLABCASTERS, "slab", "cast_slabs";
+    Post "post" [SLAB, CLASSIFY, SHADE];
+    Preintegrated "preintegrated" [SLAB, SHADE];
+    Gradient "gradient" [SLAB, CLASSIFY, SHADE];
+    Surfaces "surfaces" [SLAB, SHADE];
+    Extreme "extreme" [SLAB, CLASSIFY];
+    Mean "mean" [SLAB, CLASSIFY];
 }
 
 /// The one of `casters` with these parts.
@@ -213,11 +248,20 @@ pub const BARE_UINT: ShaderSource = ShaderSource {
 };
 
 /// The shaders that are not casters.
-pub const OTHERS: &[ShaderSource] = &[BOUNDS, LEAP, BARE_FILTERED, BARE_FLOAT, BARE_UINT];
+pub const OTHERS: &[ShaderSource] = &[
+    BOUNDS,
+    LEAP,
+    REPORT,
+    COMPACT,
+    LAYERS,
+    BARE_FILTERED,
+    BARE_FLOAT,
+    BARE_UINT,
+];
 
 /// Every shader, for the tests.
 pub fn all() -> Vec<ShaderSource> {
-    let casters = RAYCASTERS.iter().map(|c| c.2);
+    let casters = RAYCASTERS.iter().chain(SLABCASTERS).map(|c| c.2);
     OTHERS.iter().copied().chain(casters).collect()
 }
 

@@ -33,7 +33,7 @@ impl Activity {
         }
     }
 
-    /// A level's activities, 16 to a word, as [`Residency::set_level_activity`] takes them. None by blocks: those are by
+    /// A level's activities, 16 to a word, as [`super::Residency::set_level_activity`] takes them. None by blocks: those are by
     /// slot.
     pub fn pack(activities: &[Self]) -> Vec<u32> {
         activities

@@ -156,6 +156,38 @@ pub const LEAP: Entries = &[
     compute(3, WRITE_DISTANCES),
 ];
 
+/// Group 1 of the passes that look at rays and sample nothing: `pass/{report,compact,layers}.wgsl`.
+pub const RAYS: Entries = &[
+    compute(0, WRITE),
+    compute(1, WRITE),
+    compute(
+        2,
+        texture(TextureSampleType::Uint, TextureViewDimension::D2),
+    ),
+];
+
+/// Group 2 of `pass/compact.wgsl`: the list that is written.
+pub const LIVE_LIST: Entries = &[compute(
+    0,
+    BindingType::StorageTexture {
+        access: StorageTextureAccess::WriteOnly,
+        format: TextureFormat::R32Uint,
+        view_dimension: TextureViewDimension::D2,
+    },
+)];
+
+/// Group 3 of `pass/compact.wgsl`: what indirect dispatches read.
+pub const LIVE_GROUPS: Entries = &[compute(0, WRITE)];
+
+/// Group 2 of `pass/layers.wgsl`.
+pub const LAYERS: Entries = &[
+    compute(0, DEPTH),
+    compute(1, DEPTH),
+    compute(2, DEPTH),
+    compute(3, BindingType::Sampler(SamplerBindingType::NonFiltering)),
+    compute(4, WRITE),
+];
+
 /// Group 2 of the bare caster: `pass/bare.wgsl`.
 pub const BARE: Entries = &[compute(0, WRITE), compute(1, WRITE)];
 
@@ -170,12 +202,15 @@ pub const fn volume_of(atlas: AtlasPart) -> Entries {
 
 /// Every shader with its groups, in order.
 pub fn shaders() -> Vec<(ShaderSource, Vec<Entries>)> {
-    let casters = shader::RAYCASTERS.iter();
+    let casters = shader::RAYCASTERS.iter().chain(shader::SLABCASTERS);
     let casters = casters.map(|&(_, atlas, s)| (s, vec![FRAME, volume_of(atlas), RAYCAST]));
     let bare = |source, atlas| (source, vec![FRAME, volume_of(atlas), BARE]);
     [
         (shader::BOUNDS, vec![FRAME]),
         (shader::LEAP, vec![FRAME, LEAP]),
+        (shader::REPORT, vec![FRAME, RAYS]),
+        (shader::COMPACT, vec![FRAME, RAYS, LIVE_LIST, LIVE_GROUPS]),
+        (shader::LAYERS, vec![FRAME, RAYS, LAYERS]),
         bare(shader::BARE_FILTERED, AtlasPart::Filtered),
         bare(shader::BARE_FLOAT, AtlasPart::Float),
         bare(shader::BARE_UINT, AtlasPart::Uint),

@@ -7,7 +7,7 @@ use crate::classify::{LUT_ENTRIES, PreintegratedTable};
 use crate::geom::BLOCK_EDGE;
 use crate::gpu::GpuContext;
 use crate::gpu::layout::{FrameUniforms, LevelUniforms, MAX_LEVELS, MAX_SURFACES, MAX_SURFACES_4};
-use crate::scene::{Classified, LevelFrame, Mode, PictureSettings, RayFrame};
+use crate::scene::{Classified, LevelFrame, Mode, PictureSettings, RayFrame, SlabShape};
 
 use super::bindings;
 use super::residency::Residency;
@@ -26,6 +26,8 @@ pub struct FrameInputs<'a> {
     pub settings: &'a PictureSettings,
     /// Mesh interval, brick and block skipping? Without, every sample of every ray is taken.
     pub skip: bool,
+    /// The slabs in which the rays of a tile advance; `None` where each walks by itself. Drafts and listed pixels do so anyway.
+    pub slab: Option<SlabShape>,
 }
 
 /// A tile of the picture, in pixels.
@@ -354,6 +356,7 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
         lut_last: (table.entries().len() - 1) as f32,
         value_floor: classified.value_range[0],
         value_ceiling: classified.value_range[1],
+        extreme_end: classified.extreme_end,
         gradient_scale: classified.gradient_scale,
         preintegrated_lo,
         preintegrated_scale,

@@ -10,8 +10,11 @@ mod extremes;
 mod feedback;
 mod frame;
 mod passes;
+mod quadtree;
 mod renderer;
 mod residency;
+mod several;
+mod spread;
 
 pub use activity::Activity;
 pub use extremes::ExtremeCodes;

@@ -2,24 +2,30 @@
 //! rays need.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
+use std::ops::Range;
 
 use glam::{UVec3, Vec4};
 
 use super::feedback::{Feedback, PendingFeedback};
 use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
 use super::passes::{
-    BoundsPass, BoundsTargets, LeapFault, LeapPass, LeapTargets, MeshBuffers, RaycastPass,
-    RaycastTargets,
+    BoundsPass, BoundsTargets, CastKind, LeapFault, LeapPass, LeapTargets, MeshBuffers,
+    RaycastPass, RaycastTargets,
 };
 use super::residency::Residency;
+use super::several::{Flow, SeveralPasses, SeveralTargets};
+use super::spread::spread;
 use crate::geom::morton;
 use crate::gpu::layout::{
-    FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_PIXELS, FEEDBACK_SKIP, MAX_GROUPS,
-    PixelCounts, RayState,
+    FEEDBACK_COMPACTED, FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_PIXELS,
+    FEEDBACK_QUIET, FEEDBACK_SKIP, MAX_GROUPS, PixelCounts, RayState, SKIP_BLOCKS, SKIP_OUTSIDE,
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
-use crate::scene::{Classified, Image, RayCounts, add_ray};
+use crate::scene::{
+    AntiAliasing, Classified, Image, LayerStats, RayCounts, SlabShape, Technique, add_ray,
+};
 
 /// Greatest width and height of a tile, pixels: 2²⁰ rays.
 pub const TILE_EDGE: u32 = 1024;
@@ -56,6 +62,7 @@ pub struct Renderer {
     /// Built when first wanted.
     leap: Option<LeapPass>,
     leap_fault: Option<LeapFault>,
+    several: SeveralPasses,
     targets: Option<Targets>,
     mesh: Option<MeshBuffers>,
     levels: usize,
@@ -66,16 +73,22 @@ pub struct Renderer {
 #[derive(Debug)]
 struct Targets {
     size: [u32; 2],
+    technique: Technique,
     /// Bound to them: with another volume they are made anew.
     feedback: wgpu::Buffer,
     bounds: BoundsTargets,
     raycast: RaycastTargets,
-    /// Of drafts that leap.
-    leap: Option<LeapTargets>,
+    /// Of drafts that leap, with group 2 of their caster.
+    leap: Option<(LeapTargets, wgpu::BindGroup)>,
+    /// Group 2 of the caster.
+    cast_group: wgpu::BindGroup,
+    /// Of a technique that has several passes.
+    several: Option<SeveralTargets>,
 }
 
 impl Renderer {
     /// The passes that every picture of a volume of `levels` levels needs; the caster's pipelines come with the modes.
+    /// `pass_samples`: samples of a ray in a pass of techniques multipass and layers, where they are not their own.
     /// `leap_fault`: for tests.
     ///
     /// # Errors
@@ -83,6 +96,7 @@ impl Renderer {
     pub fn new(
         gpu: &GpuContext,
         levels: usize,
+        pass_samples: Option<NonZeroU32>,
         leap_fault: Option<LeapFault>,
     ) -> Result<Self, GpuError> {
         let frame = FrameBindings::new(gpu, levels);
@@ -93,6 +107,7 @@ impl Renderer {
             leap: None,
             leap_fault,
             frame,
+            several: SeveralPasses::new(pass_samples),
             targets: None,
             mesh: None,
             levels,
@@ -102,9 +117,10 @@ impl Renderer {
     }
 
     /// The tiles that pictures of `size` are cut into when per-pixel buffers may take `budget_bytes`.
-    pub fn tile_size(size: [u32; 2], budget_bytes: u64) -> [u32; 2] {
+    pub fn tile_size(size: [u32; 2], technique: Technique, budget_bytes: u64) -> [u32; 2] {
+        let bytes_per_pixel = BYTES_PER_PIXEL + Flow::bytes_per_pixel(technique);
         let mut tile = size.map(|s| s.min(TILE_EDGE));
-        while u64::from(tile[0]) * u64::from(tile[1]) * BYTES_PER_PIXEL > budget_bytes
+        while u64::from(tile[0]) * u64::from(tile[1]) * bytes_per_pixel > budget_bytes
             && tile != [64, 64]
         {
             let longer = usize::from(tile[1] > tile[0]);
@@ -117,8 +133,9 @@ impl Renderer {
     }
 
     /// Bytes of the per-pixel buffers of a tile.
-    pub fn tile_bytes(tile: [u32; 2]) -> u64 {
-        u64::from(tile[0] + 2) * u64::from(tile[1] + 2) * BYTES_PER_PIXEL
+    pub fn tile_bytes(tile: [u32; 2], technique: Technique) -> u64 {
+        let bytes_per_pixel = BYTES_PER_PIXEL + Flow::bytes_per_pixel(technique);
+        u64::from(tile[0] + 2) * u64::from(tile[1] + 2) * bytes_per_pixel
     }
 
     /// Bytes of tables and uniforms for volumes of `levels` levels.
@@ -139,7 +156,7 @@ impl Renderer {
     /// The size of the pictures for which there is what leaping needs.
     pub fn leap_size(&self) -> Option<[u32; 2]> {
         let leap = self.targets.as_ref()?.leap.as_ref()?;
-        Some(leap.size())
+        Some(leap.0.size())
     }
 
     /// Bytes on the device: tables, tile, mesh.
@@ -148,7 +165,8 @@ impl Renderer {
             + self.frame.integrals_bytes()
             + self.targets.as_ref().map_or(0, |t| {
                 let leap = t.leap.as_ref();
-                Self::tile_bytes(t.size) + leap.map_or(0, |l| LeapTargets::bytes(l.size(), t.size))
+                Self::tile_bytes(t.size, t.technique)
+                    + leap.map_or(0, |(l, _)| LeapTargets::bytes(l.size(), t.size))
             })
             + self.mesh.as_ref().map_or(0, MeshBuffers::bytes)
     }
@@ -169,23 +187,29 @@ impl Renderer {
     }
 
     /// Sorts work-groups of a tile, or of its list, so that neighbours in the picture follow each other.
-    pub fn sort_by_place(tile: &Tile, is_listed: bool, groups: &mut [u32]) {
+    pub fn sort_by_place(
+        tile: &Tile,
+        slab: Option<SlabShape>,
+        is_listed: bool,
+        groups: &mut [u32],
+    ) {
         if is_listed {
             // As the list is.
             groups.sort_unstable();
         } else {
-            let wide = RaycastPass::group_count(tile.size).x;
+            let wide = RaycastPass::group_count(tile.size, slab).x;
             groups.sort_unstable_by_key(|&g| morton(UVec3::new(g % wide, g / wide, 0)));
         }
     }
 
-    /// The work-groups of a tile, in the order of the picture; or those of its list.
-    pub fn groups(tile: &Tile, pixels: PixelList<'_>) -> Vec<u32> {
+    /// The work-groups of a tile, in the order of the picture, where rays advance in these slabs or by themselves; or those
+    /// of its list.
+    pub fn groups(tile: &Tile, slab: Option<SlabShape>, pixels: PixelList<'_>) -> Vec<u32> {
         if let Some(list) = pixels {
             return (0..RaycastPass::list_groups(list.len() as u32)).collect();
         }
-        let wide = RaycastPass::group_count(tile.size).x;
-        let part = RaycastPass::group_count(tile.part_size);
+        let wide = RaycastPass::group_count(tile.size, slab).x;
+        let part = RaycastPass::group_count(tile.part_size, slab);
         (0..part.y)
             .flat_map(|y| (0..part.x).map(move |x| y * wide + x))
             .collect()
@@ -203,46 +227,67 @@ impl Renderer {
         tile: [u32; 2],
         draft: bool,
     ) -> Result<(), GpuError> {
+        let technique = inputs.settings.technique;
+        let flow = Flow::of(technique, draft, false);
+        let how = if draft {
+            CastKind::Draft
+        } else {
+            CastKind::Tile
+        };
         self.raycast
-            .prepare(gpu, inputs, &self.frame, volume, draft)?;
-        if self
-            .targets
-            .as_ref()
-            .is_none_or(|t| t.size != tile || t.feedback != volume.feedback)
-        {
+            .prepare(gpu, inputs, &self.frame, volume, how)?;
+        let has_list = matches!(
+            inputs.settings.anti_aliasing,
+            AntiAliasing::Selective { .. }
+        );
+        if has_list && !draft {
+            self.raycast
+                .prepare(gpu, inputs, &self.frame, volume, CastKind::List)?;
+        }
+        self.several.prepare(gpu, inputs, &self.frame, flow)?;
+        if self.targets.as_ref().is_none_or(|t| {
+            t.size != tile || t.technique != technique || t.feedback != volume.feedback
+        }) {
             self.targets = None;
             self.targets = Some(gpu.checked("allocating the picture's buffers", || {
                 let bounds = BoundsTargets::new(gpu, tile.map(|t| t + 2 * BOUNDS_MARGIN));
                 let pixels = u64::from(tile[0]) * u64::from(tile[1]);
-                let raycast = self.raycast.targets(gpu, &bounds, volume, pixels);
+                let raycast = RaycastPass::targets(gpu, pixels);
+                let feedback = volume.feedback.clone();
                 Ok(Targets {
                     size: tile,
-                    feedback: volume.feedback.clone(),
+                    technique,
+                    cast_group: self.raycast.host_group(gpu, &bounds, &raycast, &feedback),
+                    feedback,
                     bounds,
                     raycast,
+                    several: None,
                     leap: None,
                 })
             })?);
         }
+        let targets = self.targets.as_mut().filter(|t| t.several.is_none());
+        if let Some(targets) = targets {
+            let of = (&targets.bounds, &targets.raycast);
+            targets.several = gpu.checked("allocating the technique's buffers", || {
+                let (raycast, feedback) = (&self.raycast, &targets.feedback);
+                Ok(self.several.targets(gpu, flow, raycast, of, feedback, tile))
+            })?;
+        }
         if draft && inputs.settings.leaps() {
-            self.prepare_leap(gpu, volume, inputs.rays.size)?;
+            self.prepare_leap(gpu, inputs.rays.size)?;
         }
         self.frame.write_tables(gpu, inputs.classified);
         Ok(())
     }
 
     /// What drafts of `size` that leap need: pass, points, starts.
-    fn prepare_leap(
-        &mut self,
-        gpu: &GpuContext,
-        volume: &Residency,
-        size: [u32; 2],
-    ) -> Result<(), GpuError> {
+    fn prepare_leap(&mut self, gpu: &GpuContext, size: [u32; 2]) -> Result<(), GpuError> {
         let targets = self
             .targets
             .as_mut()
             .expect("invariant: called for a picture that is begun");
-        if targets.leap.as_ref().is_some_and(|l| l.size() == size) {
+        if targets.leap.as_ref().is_some_and(|(l, _)| l.size() == size) {
             return Ok(());
         }
         let pass = match self.leap.take() {
@@ -253,9 +298,11 @@ impl Renderer {
         targets.leap = None;
         targets.leap = Some(gpu.checked("allocating points and starts", || {
             let leap = pass.targets(gpu, size, targets.size);
-            let of = (&targets.bounds, volume);
-            self.raycast.add_leap(gpu, &mut targets.raycast, of, &leap);
-            Ok(leap)
+            let (bounds, raycast) = (&targets.bounds, &targets.raycast);
+            let group = self
+                .raycast
+                .leap_group(gpu, bounds, raycast, &targets.feedback, &leap);
+            Ok((leap, group))
         })?);
         Ok(())
     }
@@ -269,13 +316,13 @@ impl Renderer {
         bricks: [u64; 2],
     ) -> bool {
         let leap = self.targets.as_mut().and_then(|t| t.leap.as_mut());
-        leap.is_some_and(|leap| leap.begin(gpu, inputs, bricks, self.leap_fault))
+        leap.is_some_and(|(leap, _)| leap.begin(gpu, inputs, bricks, self.leap_fault))
     }
 
     /// Finds where the rays of a tile that was begun start, in a draft for which [`Self::begin_leap`] said so.
     pub fn find_starts(&mut self, gpu: &GpuContext, inputs: &FrameInputs<'_>, tile: &Tile) {
         let leap = self.targets.as_ref().and_then(|t| t.leap.as_ref());
-        if let (Some(pass), Some(targets)) = (&self.leap, leap) {
+        if let (Some(pass), Some((targets, _))) = (&self.leap, leap) {
             let mut encoder = encoder(gpu, "renderer.leap");
             let of = (inputs.rays.projection, tile);
             pass.record(&mut encoder, &self.frame, targets, of, &mut self.timer);
@@ -285,7 +332,7 @@ impl Renderer {
 
     /// The draft is drawn: the next one may start from its points.
     pub fn end_leap(&mut self, inputs: &FrameInputs<'_>, bricks: [u64; 2]) {
-        if let Some(leap) = self.targets.as_mut().and_then(|t| t.leap.as_mut()) {
+        if let Some((leap, _)) = self.targets.as_mut().and_then(|t| t.leap.as_mut()) {
             leap.end(inputs, bricks);
         }
     }
@@ -314,6 +361,7 @@ impl Renderer {
         pixels: PixelList<'_>,
     ) -> Result<(), GpuError> {
         self.read_times(gpu, 4)?;
+        self.several.begin_tile();
         let targets = self
             .targets
             .as_ref()
@@ -344,7 +392,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Casts rays of a tile that was begun.
+    /// Casts rays of a tile that was begun. Technique layers waits until its layers are measured.
     ///
     /// # Errors
     /// The device is lost.
@@ -368,30 +416,32 @@ impl Renderer {
         };
         self.frame.write(gpu, inputs, volume, &params);
         let places = volume.feedback_places();
+        let how = match (cast.draft, cast.is_listed) {
+            (true, _) => CastKind::Draft,
+            (false, true) => CastKind::List,
+            (false, false) => CastKind::Tile,
+        };
         let mut groups = cast.groups.to_vec();
         if gpu.caps.is_software {
-            Self::sort_by_place(tile, cast.is_listed, &mut groups);
+            Self::sort_by_place(tile, how.slab(inputs), cast.is_listed, &mut groups);
             groups = spread(&groups);
         }
-        assert!(
-            groups.len() <= MAX_GROUPS as usize,
-            "invariant: a tile has at most {MAX_GROUPS} work-groups"
-        );
-        let mut orders = vec![0; FEEDBACK_GROUPS as usize];
-        orders[FEEDBACK_LIMIT as usize] = if cast.draft {
-            u32::MAX
-        } else {
-            cast.sample_limit
+        let flow = Flow::of(inputs.settings.technique, cast.draft, cast.is_listed);
+        let several = targets.several.as_ref().filter(|t| t.flow() == flow);
+        let limit = self.several.pass_samples(flow, cast.sample_limit);
+        write_orders(gpu, inputs, volume, cast, (flow, limit), &groups);
+        let cells = (tile, cast.sample_limit);
+        let plan = self
+            .several
+            .plan(gpu, inputs, &self.frame, several, cells, &mut groups)?;
+        if flow == Flow::Layers {
+            // In the order of their layers.
+            write_orders(gpu, inputs, volume, cast, (flow, limit), &groups);
+        }
+        let cast_group = match &targets.leap {
+            Some((_, group)) if cast.draft && inputs.settings.leaps() => group,
+            _ => &targets.cast_group,
         };
-        orders[FEEDBACK_SKIP as usize] = u32::from(inputs.skip);
-        orders[FEEDBACK_PIXELS as usize] = u32::from(cast.is_listed);
-        orders[FEEDBACK_LEVELS as usize] = inputs.rays.levels.len() as u32;
-        orders.extend(&groups);
-        gpu.queue.write_buffer(
-            &volume.feedback,
-            u64::from(places.orders) * 4,
-            bytemuck::cast_slice(&orders),
-        );
         let mut encoder = encoder(gpu, "renderer.cast");
         places.clear(&mut encoder, &volume.feedback);
         {
@@ -399,13 +449,15 @@ impl Renderer {
                 label: Some("raycast"),
                 timestamp_writes: self.timer.compute("raycast"),
             });
-            self.raycast.record(
+            self.several.record(
                 &mut pass,
-                inputs,
                 &self.frame,
-                volume,
-                &targets.raycast,
-                (groups.len() as u32, cast.draft),
+                (several, cast_group),
+                (&plan, groups.len() as u32),
+                |pass, group| {
+                    self.raycast
+                        .bind(pass, inputs, &self.frame, volume, group, how);
+                },
             );
         }
         let copy = PendingFeedback::record(gpu, &mut encoder, &volume.feedback, places, dispatch);
@@ -428,11 +480,15 @@ impl Renderer {
         self.cast(gpu, inputs, volume, tile, cast)?.wait(gpu)
     }
 
-    /// Where the ray of pixel number `pixel` of the tile's buffers stands.
+    /// Where the rays of pixels number `pixels` of the tile's buffers stand.
     ///
     /// # Errors
     /// The device is lost.
-    pub fn ray_state(&self, gpu: &GpuContext, pixel: u32) -> Result<RayState, GpuError> {
+    pub fn ray_states(
+        &self,
+        gpu: &GpuContext,
+        pixels: Range<u32>,
+    ) -> Result<Vec<RayState>, GpuError> {
         let targets = self
             .targets
             .as_ref()
@@ -440,9 +496,13 @@ impl Renderer {
         let size = size_of::<RayState>() as u64;
         let [bytes] = read_buffers(
             gpu,
-            [(targets.raycast.rays(), u64::from(pixel) * size, size)],
+            [(
+                targets.raycast.rays(),
+                u64::from(pixels.start) * size,
+                pixels.len() as u64 * size,
+            )],
         )?;
-        Ok(bytemuck::pod_read_unaligned(&bytes))
+        Ok(bytemuck::pod_collect_to_vec(&bytes))
     }
 
     /// Reads the pixels of a tile that were cast back into the picture, as ray number `ray[0]` of the `ray[1]` of each.
@@ -503,7 +563,15 @@ impl Renderer {
                 }
             }
         }
+        let stride = tile.size[0];
+        self.several
+            .count(tile, |[x, y]| counts[(y * stride + x) as usize].samples);
         Ok(sums)
+    }
+
+    /// What technique layers did since the last call; `None` where it did nothing.
+    pub fn take_layer_stats(&mut self) -> Option<LayerStats> {
+        self.several.take_stats()
     }
 
     /// Milliseconds per pass since the last call, where the device has timestamps.
@@ -531,53 +599,51 @@ impl Renderer {
     }
 }
 
+/// Sends what the host orders for a submission that casts `groups`, `limit` samples of a ray in a pass.
+fn write_orders(
+    gpu: &GpuContext,
+    inputs: &FrameInputs<'_>,
+    volume: &Residency,
+    cast: &Cast<'_>,
+    (flow, limit): (Flow, u32),
+    groups: &[u32],
+) {
+    assert!(
+        groups.len() <= MAX_GROUPS as usize,
+        "invariant: a tile has at most {MAX_GROUPS} work-groups"
+    );
+    let mut orders = vec![0; FEEDBACK_GROUPS as usize];
+    let mut order = |word: u32, value| orders[word as usize] = value;
+    order(FEEDBACK_LIMIT, if cast.draft { u32::MAX } else { limit });
+    order(
+        FEEDBACK_SKIP,
+        match (inputs.skip, flow) {
+            (false, _) => 0,
+            (true, Flow::Layers) => SKIP_OUTSIDE,
+            (true, _) => SKIP_BLOCKS,
+        },
+    );
+    order(FEEDBACK_PIXELS, u32::from(cast.is_listed));
+    order(FEEDBACK_COMPACTED, u32::from(flow == Flow::Multipass));
+    order(FEEDBACK_QUIET, u32::from(flow != Flow::Once));
+    order(FEEDBACK_LEVELS, inputs.rays.levels.len() as u32);
+    orders.extend(groups);
+    let place = volume.feedback_places().orders;
+    gpu.queue.write_buffer(
+        &volume.feedback,
+        u64::from(place) * 4,
+        bytemuck::cast_slice(&orders),
+    );
+}
+
 fn encoder(gpu: &GpuContext, label: &str) -> wgpu::CommandEncoder {
     gpu.device
         .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
 }
 
-/// Work-groups that stay together: a square of 4×4 of them.
-const TOGETHER: usize = 16;
-
-/// Work-groups that are sorted by place, in an order for software adapters. These give each thread a contiguous range of the
-/// dispatch, and the costly parts of a picture lie together: squares of work-groups are spread far apart. Inside a square
-/// neighbours follow each other, so that the second finds in the caches what the first has read.
-fn spread(near: &[u32]) -> Vec<u32> {
-    let squares: Vec<&[u32]> = near.chunks(TOGETHER).collect();
-    let stride = spreading_stride(squares.len());
-    (0..squares.len())
-        .flat_map(|i| squares[i * stride % squares.len()])
-        .copied()
-        .collect()
-}
-
-/// A stride through `count` that meets each once and spreads neighbours far apart: near the golden section of `count`, and
-/// coprime with it.
-fn spreading_stride(count: usize) -> usize {
-    let coprime = |a: usize| {
-        let (mut a, mut b) = (a, count);
-        while b != 0 {
-            (a, b) = (b, a % b);
-        }
-        a == 1
-    };
-    let golden = (count as f64 * 0.618) as usize;
-    (golden.max(1)..count).find(|&s| coprime(s)).unwrap_or(1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_group_is_met_once() {
-        for count in [1_u32, 2, 3, 7, 8, 64, 1000, 4096, 128 * 96, 1 << 14] {
-            let groups: Vec<u32> = (0..count).map(|g| g * 3).collect();
-            let mut met = spread(&groups);
-            met.sort_unstable();
-            assert_eq!(met, groups, "{count} groups");
-        }
-    }
 
     #[test]
     fn tiles_cover_the_picture_once() {
@@ -586,12 +652,12 @@ mod tests {
         assert_eq!((tiles.len(), pixels), (6, 130 * 70));
         assert_eq!(tiles[2].part_size, [2, 64], "the last of a row is cut");
         assert_eq!(
-            Renderer::groups(&tiles[5], None),
+            Renderer::groups(&tiles[5], None, None),
             [0],
             "2 × 6 pixels are one work-group"
         );
         assert_eq!(
-            Renderer::groups(&tiles[3], None),
+            Renderer::groups(&tiles[3], None, None),
             (0..8).collect::<Vec<u32>>(),
             "64 × 6 pixels"
         );

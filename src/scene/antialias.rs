@@ -109,7 +109,7 @@ mod tests {
         assert_eq!(marked, [[1, 1], [2, 0], [2, 1], [2, 2], [3, 1]]);
         assert_eq!(
             in_order,
-            [[2, 0], [1, 1], [2, 1], [3, 1], [2, 2]],
+            [[1, 1], [2, 0], [2, 1], [3, 1], [2, 2]],
             "near ones together"
         );
         assert!(

@@ -4,13 +4,14 @@
 use glam::Vec3;
 use thiserror::Error;
 
-use super::{IsoSurface, Mode, PictureSettings, RayFrame};
+use super::{Extreme, IsoSurface, Mode, PictureSettings, RayFrame};
 use crate::camera::CameraError;
 use crate::classify::{
     LUT_ENTRIES, Lut, OpacityCorrection, PreintegratedTable, TransferIntegrals, Visibility,
     grey_ramp,
 };
 use crate::store::StoreMeta;
+use crate::volume::StoredType;
 
 /// Why a picture can't be made from these settings.
 #[derive(Debug, Error)]
@@ -47,6 +48,8 @@ pub struct Classified {
     pub surfaces: Vec<ClassifiedSurface>,
     /// Least and greatest stored value of the volume: what a maximum, or a minimum, begins with.
     pub value_range: [f32; 2],
+    /// In modes mip and minip: no sample times [`Extreme::sign`] is greater ([`Extreme::bound`]).
+    pub extreme_end: f32,
     /// A stored value that can't be seen: what samples may read in bricks in which nothing can be. Where every value can be
     /// seen, no brick is empty, and nobody reads it. In mode iso it depends on the brick ([`Self::zone_value`]), and a
     /// pre-integrated segment needs the value itself.
@@ -109,7 +112,11 @@ impl Classified {
         let surfaces = surfaces(settings, meta)?;
         let values: Vec<f32> = surfaces.iter().map(|s| s.value).collect();
         let integrals = settings.is_preintegrated().then(|| {
-            let side = TransferIntegrals::side(meta.stored_type);
+            // One entry per value where there are so few.
+            let side = match meta.stored_type {
+                StoredType::U8 => 256,
+                StoredType::U16 | StoredType::F32 => 1024,
+            };
             TransferIntegrals::new(transfer, line, value_range.map(f64::from), side, unit_mm)
         });
         let level = |step_mm: f64| {
@@ -150,6 +157,7 @@ impl Classified {
             levels,
             surfaces,
             value_range,
+            extreme_end: Extreme::of_mode(mode).bound(meta.stored_type, value_range),
             unseen,
             // A window without width: every gradient counts in full.
             gradient_scale: gradient_scale.min(f64::from(f32::MAX) * 0.5) as f32,

@@ -231,11 +231,23 @@ impl RayFrame {
 
     /// Image-plane coordinates of the ray of pixel (x, y).
     pub fn plane_of_pixel(&self, x: u32, y: u32) -> [f32; 2] {
-        let [ox, oy] = self.place_in_pixel;
+        self.plane_at(x, y, self.place_in_pixel)
+    }
+
+    /// Those of the ray that passes pixel (x, y) at `place`, from its upper left corner, in pixels.
+    pub fn plane_at(&self, x: u32, y: u32, [ox, oy]: [f32; 2]) -> [f32; 2] {
         [
             (x as f32 + ox) * (2.0 / self.size[0] as f32) - 1.0,
             1.0 - (y as f32 + oy) * (2.0 / self.size[1] as f32),
         ]
+    }
+
+    /// The same of any pixel, also one outside the picture.
+    pub fn plane_of(&self, pixel: [f64; 2]) -> [f64; 2] {
+        let [x, y] = [0, 1].map(|axis| {
+            (pixel[axis] + f64::from(self.place_in_pixel[axis])) * 2.0 / f64::from(self.size[axis])
+        });
+        [x - 1.0, 1.0 - y]
     }
 
     /// Distance of sample 0 of the ray of pixel (x, y), mm.

@@ -7,13 +7,16 @@
 
 mod antialias;
 mod classified;
+mod extreme;
 mod frame;
 mod image;
 mod settings;
+mod slab;
 mod stats;
 
 pub use antialias::{RaySet, add_ray, differing_pixels};
 pub use classified::{Classified, ClassifiedLevel, ClassifiedSurface, SceneError, default_window};
+pub use extreme::Extreme;
 pub use frame::{GridParams, LevelFrame, LodRule, RayFrame, interleaved_offset, volume_bounds};
 pub use image::Image;
 pub use settings::{
@@ -21,4 +24,5 @@ pub use settings::{
     LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
     TransferMode,
 };
-pub use stats::{PictureStats, RayCounts};
+pub use slab::{SlabRim, SlabShape};
+pub use stats::{CellSamples, LayerStats, PictureStats, RayCounts};

@@ -24,6 +24,30 @@ impl std::ops::AddAssign for RayCounts {
     }
 }
 
+/// What technique `layers` did with a picture (techniques.md T3).
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LayerStats {
+    /// Nodes of the quadtrees, each time that one was made.
+    pub nodes: u64,
+    /// Passes over the nodes, each of several layers.
+    pub passes: u64,
+    /// Cell by cell and, where a pixel has several rays, ray by ray.
+    pub cells: Vec<CellSamples>,
+}
+
+/// The samples of a cell of 16×16 pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CellSamples {
+    /// Its first pixel.
+    pub origin: [u32; 2],
+    /// The most samples that one of its rays has in the interval of the bounding mesh.
+    pub layers: u32,
+    /// The most samples that one of them took.
+    pub most: u32,
+    /// Samples that all of them took.
+    pub samples: u64,
+}
+
 /// The keys of `--stats`, in cli.md's meaning; `None` where not applicable.
 #[derive(Clone, Debug, Default, Serialize)]
 #[expect(missing_docs, reason = "the names are the contract of cli.md")]
@@ -62,4 +86,7 @@ pub struct PictureStats {
     /// Did rays start where those of the frame before allowed it (techniques.md T2.2)? Not a key of `--stats` either.
     #[serde(skip)]
     pub leapt: bool,
+    /// Of technique `layers`; no key either.
+    #[serde(skip)]
+    pub layers: Option<LayerStats>,
 }

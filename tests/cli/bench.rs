@@ -360,7 +360,7 @@ fn what_makes_no_sense_is_refused() {
 #[test]
 fn every_sub_command_has_help_with_an_example() {
     let folder = Folder::new();
-    for what in ["render", "brick", "page", "classify"] {
+    for what in ["render", "brick", "page", "classify", "seeds"] {
         let help = folder.run(&["bench", what, "--help"]).expect(0).stdout;
         let example = help
             .lines()

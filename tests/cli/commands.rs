@@ -143,6 +143,44 @@ fn render_writes_picture_and_statistics() {
     }
 }
 
+/// `--samples` alone means all pixels, `--aa selective` those that differ.
+#[test]
+fn more_rays_are_cast_where_they_are_asked_for() {
+    let folder = Folder::new();
+    let store = folder.brick("phantom:body:48,48,48:u16", "body.bsk");
+    let draw = |more: &[&str]| {
+        let base = [
+            "render", store, "-o", "p.png", "--size", "24x16", "--device", "cpu", "--stats",
+            "s.json",
+        ];
+        folder.run(&[&base[..], more].concat()).expect(0);
+        let stats = fs::read_to_string(folder.file("s.json")).expect("statistics");
+        let stats: Value = serde_json::from_str(&stats).expect("JSON");
+        (
+            stats["rays"].as_u64().expect("a number"),
+            stats["samples"].as_u64().expect("a number"),
+            read_png(&folder.file("p.png")).2,
+        )
+    };
+    let off = draw(&["--aa", "off"]);
+    let full = draw(&["--samples", "4r"]);
+    let selective = draw(&["--aa", "selective:0.05"]);
+    assert_eq!([off.0, full.0], [24 * 16, 4 * 24 * 16], "rays");
+    assert!(
+        off.0 < selective.0 && selective.0 < off.0 + full.0,
+        "{} rays: some pixels get four more",
+        selective.0
+    );
+    assert!(off.1 < selective.1 && off.1 < full.1, "samples of all rays");
+    assert!(off.2 != full.2 && off.2 != selective.2, "another picture");
+    let two = draw(&["--aa", "selective:0.05", "--samples", "2"]);
+    assert_eq!(
+        (two.0 - off.0) * 2,
+        selective.0 - off.0,
+        "half as many rays of the same pixels"
+    );
+}
+
 /// Both devices draw the same picture. Needs an adapter; Mesa's software one will do.
 #[cfg(feature = "gpu")]
 #[test]

@@ -12,3 +12,4 @@ mod interrupted;
 #[cfg(unix)]
 mod resumed;
 mod run;
+mod seeds;

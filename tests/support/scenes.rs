@@ -16,7 +16,7 @@ use brickscope::store::Store;
 use brickscope::volume::{VoxelSource, VoxelType};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-use crate::memory_source::MemorySource;
+use crate::memory_source::{MemorySource, noise};
 
 /// A store on disk that goes with its folder.
 pub struct TestStore {
@@ -67,6 +67,23 @@ pub fn field(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn(DVec3) -> f64
         }
     }
     MemorySource::new(dims, voxel_type, bytes)
+}
+
+/// Random single 4³ blocks of 255 in zeros, 96³: the hardest mesh there is.
+pub fn speckle(share: u32, affine: DAffine3) -> TestStore {
+    const EDGE: usize = 96;
+    const BLOCKS: usize = EDGE / 4;
+    let on: Vec<bool> = noise(BLOCKS.pow(3), 7).map(|v| v % share == 0).collect();
+    let mut bytes = vec![0_u8; EDGE.pow(3)];
+    for (i, byte) in bytes.iter_mut().enumerate() {
+        let (x, y, z) = (i % EDGE / 4, i / EDGE % EDGE / 4, i / EDGE / EDGE / 4);
+        if on[(z * BLOCKS + y) * BLOCKS + x] {
+            *byte = 255;
+        }
+    }
+    let mut source = MemorySource::new([EDGE as u64; 3], VoxelType::U8, bytes);
+    source.desc.world_from_index = affine;
+    store_of(&mut source)
 }
 
 /// A rotated, anisotropic, slightly sheared affine: nothing may rely on axes.
@@ -136,17 +153,20 @@ pub fn settings(store: &Store, mode: Mode) -> PictureSettings {
         color: Vec3::new(0.9, 0.8, 0.7),
         opacity: 1.0,
     }];
+    let opacity = |low: f64, high: f64| {
+        let points = settings.classification.transfer.opacity.points();
+        let ends = [points[0].x, points[points.len() - 1].x];
+        OpacityCurve::new(vec![
+            OpacityPoint::linear(ends[0], low),
+            OpacityPoint::linear(ends[1], high),
+        ])
+        .expect("rising points")
+    };
     match mode {
         // What is low shows.
-        Mode::MinIp => {
-            let points = settings.classification.transfer.opacity.points();
-            let (first, last) = (points[0].x, points[points.len() - 1].x);
-            settings.classification.transfer.opacity = OpacityCurve::new(vec![
-                OpacityPoint::linear(first, 0.9),
-                OpacityPoint::linear(last, 0.2),
-            ])
-            .expect("rising points");
-        }
+        Mode::MinIp => settings.classification.transfer.opacity = opacity(0.9, 0.2),
+        // Whatever it is shows.
+        Mode::Mean => settings.classification.transfer.opacity = opacity(0.3, 0.9),
         // What is behind shows, too.
         Mode::Xray => settings.classification.opacity_unit_mm = Some(30.0),
         _ => (),

@@ -57,7 +57,7 @@ impl GpuDevice {
         let ready = self.make_ready(ready, ROOM)?;
         let (plan, mesh) = &ready.pictures[0];
         let inputs = plan.inputs();
-        let tile = self.tile(plan.settings.size);
+        let tile = self.tile(&plan.settings);
         self.renderer.set_mesh(&self.gpu, mesh)?;
         let Some(volume) = &mut self.volume else {
             unreachable!("invariant: the picture was made ready")
@@ -112,7 +112,7 @@ impl GpuDevice {
 
     /// The settings, without leaping where its textures would be too large.
     pub(super) fn leaping_if_allowed(&self, settings: PictureSettings) -> PictureSettings {
-        let bytes = Renderer::leap_bytes(settings.size, self.tile(settings.size));
+        let bytes = Renderer::leap_bytes(settings.size, self.tile(&settings));
         let edge = self.gpu.caps.limits.max_texture_dimension_2d;
         let is_allowed =
             bytes <= self.budget_bytes / LEAP_SHARE && settings.size.iter().all(|&s| s <= edge);
@@ -129,7 +129,7 @@ impl GpuDevice {
         pending: &mut Vec<PendingFeedback>,
     ) -> Result<Drawn, EngineError> {
         let size = plan.settings.size;
-        let tile = self.tile(size);
+        let tile = self.tile(&plan.settings);
         let Some(volume) = &mut self.volume else {
             unreachable!("invariant: a draft was begun on a volume")
         };
@@ -149,7 +149,7 @@ impl GpuDevice {
             }
             // Rays of a draft don't stop: fewer of them keep a dispatch short.
             let at_once = DRAFT_GROUPS[usize::from(gpu.caps.is_software)];
-            for groups in Renderer::groups(&tile, None).chunks(at_once) {
+            for groups in Renderer::groups(&tile, None, None).chunks(at_once) {
                 let cast = Cast {
                     groups,
                     is_listed: false,

@@ -14,11 +14,12 @@ use crate::pager::{FrameRequests, RequestClass};
 use crate::render::{Cast, Feedback, FrameInputs, PixelList, Renderer, Tile};
 use crate::scene::{
     AntiAliasing, GradientFilter, Image, Jitter, LevelFrame, PictureSettings, PictureStats,
-    RayCounts, RayFrame, RaySet,
+    RayCounts, RayFrame, RaySet, SlabShape,
 };
 
 use super::super::EngineError;
 use super::paged::PagedVolume;
+use super::slab;
 
 /// How long a dispatch should take at most: on real GPUs watchdogs end long ones. A renderer on the CPU has none, and loses
 /// by small pieces.
@@ -104,7 +105,7 @@ fn parts(set: &RaySet, size: [u32; 2], tile: [u32; 2]) -> VecDeque<Part> {
     let mut lists: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for [x, y] in pixels {
         let list = lists.entry(y / tile[1] * across + x / tile[0]).or_default();
-        list.push((y % tile[1]) << 16 | x % tile[0]);
+        list.push(((y % tile[1]) << 16) | (x % tile[0]));
     }
     let part = |(number, list): (u32, Vec<u32>)| Part {
         tile: tiles[number as usize],
@@ -119,6 +120,8 @@ struct Work {
     part: Part,
     /// Number of the ray in its pixel.
     ray: usize,
+    /// The slabs in which rays of whole tiles advance; `None` where each walks by itself.
+    slab: Option<SlabShape>,
     /// Work-groups that are cast.
     active: Vec<u32>,
     /// Those whose turn comes later: what all of them miss at once does not fit the atlas. Their rays keep their state.
@@ -130,11 +133,13 @@ struct Work {
 }
 
 impl Work {
-    fn new(part: Part, ray: usize) -> Self {
-        let active = Renderer::groups(&part.tile, part.list());
+    fn new(part: Part, ray: usize, slab: Option<SlabShape>) -> Self {
+        let slab = slab.filter(|_| part.list.is_none());
+        let active = Renderer::groups(&part.tile, slab, part.list());
         Self {
             part,
             ray,
+            slab,
             at_once: active.len(),
             active,
             deferred: Vec::new(),
@@ -144,7 +149,8 @@ impl Work {
 
     /// Neighbours in the picture need the same bricks: they take their turns together.
     fn sort_by_place(&self, groups: &mut [u32]) {
-        Renderer::sort_by_place(&self.part.tile, self.part.list.is_some(), groups);
+        let is_listed = self.part.list.is_some();
+        Renderer::sort_by_place(&self.part.tile, self.slab, is_listed, groups);
     }
 
     /// Casts fewer groups at once. False when there is but one.
@@ -208,7 +214,7 @@ fn segment_steps(rays: &RayFrame) -> f64 {
 
 /// How far from the segment voxels are needed, level voxels: what a position may be off by rounding, and the points of
 /// filtered gradients.
-fn segment_slack(settings: &PictureSettings) -> f64 {
+pub(super) fn segment_slack(settings: &PictureSettings) -> f64 {
     const ROUNDING: f64 = 0.01;
     match settings.shading.gradient {
         GradientFilter::Central => ROUNDING,
@@ -224,7 +230,7 @@ fn room(slots: usize) -> usize {
 }
 
 /// The longest reach of a step along each axis of a level, in its voxels.
-fn step_reach(level: &LevelFrame) -> DVec3 {
+pub(super) fn step_reach(level: &LevelFrame) -> DVec3 {
     let level_from_world = level.world_from_level.matrix3.inverse().transpose();
     // A row's length is the most that a step of 1 mm in any direction moves along that axis.
     DVec3::new(
@@ -352,7 +358,7 @@ impl ExactRun {
             let is_split = report.missed.len() > room(volume.free_capacity()) && work.split();
             if !is_split {
                 self.request(
-                    gpu, renderer, volume, inputs, &tile, &report, &touched, pixel,
+                    gpu, renderer, volume, inputs, &work, &report, &touched, pixel,
                 )?;
             }
         } else if !is_turn_over {
@@ -376,7 +382,7 @@ impl ExactRun {
         rays.place_in_pixel = self.places[ray];
         let inputs = FrameInputs { rays, ..*inputs };
         renderer.begin_tile(gpu, &inputs, &volume.residency, &part.tile, part.list())?;
-        Ok(Work::new(part, ray))
+        Ok(Work::new(part, ray, inputs.slab))
     }
 
     /// Goes on with the rays that follow the first ones. False when the picture has all of them.
@@ -399,7 +405,7 @@ impl ExactRun {
         renderer: &Renderer,
         volume: &mut PagedVolume,
         inputs: &FrameInputs<'_>,
-        tile: &Tile,
+        work: &Work,
         report: &Feedback,
         touched: &[BrickId],
         pixel: u32,
@@ -409,8 +415,15 @@ impl ExactRun {
             // Nobody has to leave.
             Vec::new()
         } else {
-            let state = renderer.ray_state(gpu, pixel)?;
-            segment(inputs, tile, pixel, &state, volume)
+            let tile = &work.part.tile;
+            if let Some(shape) = work.slab {
+                let pixels = slab::pixels_of_group(tile, shape, pixel);
+                let states = renderer.ray_states(gpu, pixels)?;
+                slab::bricks(inputs, shape, (tile, pixel), &states, volume)
+            } else {
+                let states = renderer.ray_states(gpu, pixel..pixel + 1)?;
+                segment(inputs, tile, pixel, &states[0], volume)
+            }
         };
         volume.begin_frame(&FrameRequests {
             requests: &requests,
@@ -436,6 +449,32 @@ impl ExactRun {
     }
 }
 
+/// A ray in the voxels of a level, exact to what f64 holds.
+pub(super) struct LevelRay {
+    /// Of sample 0, without what a pixel's jitter adds.
+    first: DVec3,
+    step: DVec3,
+}
+
+impl LevelRay {
+    /// That of `pixel` of the picture, which may lie outside it.
+    pub(super) fn new(rays: &RayFrame, level: &LevelFrame, pixel: [f64; 2]) -> Self {
+        let [u, v] = rays.plane_of(pixel);
+        let at = |q: &[glam::Vec3; 3]| q[0].as_dvec3() + q[1].as_dvec3() * u + q[2].as_dvec3() * v;
+        let direction = at(&level.level_dir) / at(&rays.world_dir).length();
+        let origin = at(&level.level_origin) + level.anchor.as_dvec3();
+        Self {
+            first: origin + direction * rays.first_mm_exact,
+            step: direction * level.step_mm_exact,
+        }
+    }
+
+    /// Level voxels, at sample `index`.
+    pub(super) fn place(&self, index: f64) -> DVec3 {
+        self.first + self.step * index
+    }
+}
+
 /// The bricks that the next segment of a stopped ray may need.
 fn segment(
     inputs: &FrameInputs<'_>,
@@ -448,15 +487,9 @@ fn segment(
     let level = &rays.levels[(state.flags & RAY_LEVEL_MASK) as usize];
     let x = tile.origin[0] + pixel % tile.size[0];
     let y = tile.origin[1] + pixel / tile.size[0];
-    let [u, v] = rays.plane_of_pixel(x, y).map(f64::from);
-    let at = |q: &[glam::Vec3; 3]| q[0].as_dvec3() + q[1].as_dvec3() * u + q[2].as_dvec3() * v;
-    let inverse = 1.0 / at(&rays.world_dir).length();
-    let direction = at(&level.level_dir) * inverse;
-    let origin = at(&level.level_origin) + level.anchor.as_dvec3();
-    let place =
-        |index: f64| origin + direction * (rays.first_mm_exact + index * level.step_mm_exact);
+    let ray = LevelRay::new(rays, level, [f64::from(x), f64::from(y)]);
     let begin = f64::from(state.next - 1);
-    let ends = [place(begin), place(begin + segment_steps(rays))];
+    let ends = [ray.place(begin), ray.place(begin + segment_steps(rays))];
     volume.bricks_of_segment(level.lod, ends, segment_slack(inputs.settings))
 }
 
@@ -471,7 +504,7 @@ mod tests {
             size: [128, 128],
             part_size: [128, 120],
         };
-        let mut work = Work::new(Part { tile, list: None }, 0);
+        let mut work = Work::new(Part { tile, list: None }, 0, None);
         let all = work.active.clone();
         assert_eq!(all.len(), 16 * 15, "8×8 pixels each");
         assert!(
@@ -511,9 +544,9 @@ mod tests {
             .collect();
         let expected: [([u32; 2], &[u32]); 4] = [
             ([0, 0], &[0]),
-            ([64, 0], &[3 << 16 | 1, 3 << 16 | 2]),
+            ([64, 0], &[(3 << 16) | 1, (3 << 16) | 2]),
             ([64, 64], &[5 << 16]),
-            ([128, 64], &[6 << 16 | 1]),
+            ([128, 64], &[(6 << 16) | 1]),
         ];
         assert_eq!(told, expected, "tiles without any are left out");
         assert_eq!(parts[1].pixel_count(), 2);
@@ -527,7 +560,7 @@ mod tests {
             part_size: [64, 64],
         };
         let list = Some((0..200).collect());
-        let mut work = Work::new(Part { tile, list }, 2);
+        let mut work = Work::new(Part { tile, list }, 2, None);
         assert_eq!(work.active, [0, 1, 2, 3], "64 pixels each");
         assert!(work.split(), "two halves");
         assert_eq!(work.active, [0, 1], "near in the list, near in the picture");

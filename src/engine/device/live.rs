@@ -353,7 +353,7 @@ impl GpuDevice {
             unreachable!("invariant: a picture begins when it is ready")
         };
         let (plan, mesh) = &ready.pictures[number];
-        let tile = self.tile(plan.settings.size);
+        let tile = self.tile(&plan.settings);
         let inputs = plan.inputs();
         self.renderer.set_mesh(&self.gpu, mesh)?;
         self.renderer

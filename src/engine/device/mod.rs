@@ -8,6 +8,7 @@ mod exact;
 mod live;
 mod paged;
 mod plan;
+mod slab;
 mod waits;
 
 use std::sync::Arc;
@@ -18,7 +19,7 @@ use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
 use crate::pager::AtlasShape;
 use crate::render::{AtlasPlan, Renderer, Residency};
-use crate::scene::{PictureSettings, PictureStats};
+use crate::scene::{PictureSettings, PictureStats, SlabShape, Technique};
 use crate::store::Store;
 
 use classification::{KnownRanges, SeenLevels};
@@ -74,7 +75,7 @@ impl GpuDevice {
             });
         }
         let gpu = GpuContext::open(choice, options.use_optional_features)?;
-        let renderer = Renderer::new(&gpu, levels, options.leap_fault)?;
+        let renderer = Renderer::new(&gpu, levels, options.pass_samples, options.leap_fault)?;
         let grids = (0..levels)
             .map(|l| store.level(Lod(l as u8)).grid)
             .collect();
@@ -182,7 +183,7 @@ impl GpuDevice {
     fn render_within(&mut self, plan: &PicturePlan) -> Result<Picture, EngineError> {
         let before = self.traffic();
         let ready = self.work_out(vec![plan.clone()])?;
-        let tile = self.tile(plan.settings.size);
+        let tile = self.tile(&plan.settings);
         let ready = self.make_ready(ready, 1)?;
         let (plan, mesh) = &ready.pictures[0];
         let inputs = plan.inputs();
@@ -213,9 +214,9 @@ impl GpuDevice {
         })
     }
 
-    /// The tiles of a picture of `size`.
-    fn tile(&self, size: [u32; 2]) -> [u32; 2] {
-        Renderer::tile_size(size, self.budget_bytes / 4)
+    /// The tiles of a picture.
+    fn tile(&self, settings: &PictureSettings) -> [u32; 2] {
+        Renderer::tile_size(settings.size, settings.technique, self.budget_bytes / 4)
     }
 
     /// What the pictures need, worked out here and now.
@@ -237,7 +238,7 @@ impl GpuDevice {
     ) -> Result<ReadyPictures, EngineError> {
         let voxel_bytes = self.store.meta().stored_type.size() as u64;
         let plan = ready.final_plan();
-        let tile = self.tile(plan.settings.size);
+        let (tile, technique) = (self.tile(&plan.settings), plan.settings.technique);
         let leaping = plan.settings.leaps().then_some(plan.settings.size);
         // What earlier pictures leapt with stays.
         let leaping = leaping.or(self.renderer.leap_size());
@@ -253,11 +254,16 @@ impl GpuDevice {
             })
             .max()
             .unwrap_or(1);
-        // Room for the pinned level, and for what one ray needs at once.
-        let wanted = (ready.bricks.visible_with_voxels + coarsest).max(least as u64 + coarsest);
+        let mut together = least;
+        for plan in ready.slab_plans() {
+            slab::check(self.options.slab, &plan.settings, &self.gpu.caps)?;
+            together = together.max(self.slab_bricks(plan, self.options.slab));
+        }
+        // Room for the pinned level, and for what one ray or slab needs at once.
+        let wanted = (ready.bricks.visible_with_voxels + coarsest).max(together as u64 + coarsest);
         let pictures = ready.pictures.iter();
         let integrals = pictures.map(|(plan, _)| Renderer::integrals_bytes(&plan.classified));
-        let others = self.other_bytes(tile) + integrals.max().unwrap_or(0) + leap_bytes;
+        let others = self.other_bytes(tile, technique) + integrals.max().unwrap_or(0) + leap_bytes;
         let mut plan = self.atlas_plan(wanted, others, voxel_bytes)?;
         let keeps = self.volume.as_ref().is_some_and(|v| {
             let there = v.residency.plan();
@@ -281,19 +287,35 @@ impl GpuDevice {
             let plans = ready.pictures.into_iter().map(|(plan, _)| plan).collect();
             ready = self.work_out(plans)?;
         }
-        let Some(volume) = &mut self.volume else {
+        let Some(volume) = &self.volume else {
             unreachable!("invariant: it was just made")
         };
-        if volume.free_capacity() < least {
-            return Err(EngineError::Atlas {
-                needed: (least + volume.capacity() - volume.free_capacity()) as u64,
-                slots: volume.capacity() as u64,
-                budget: self.budget_bytes,
-            });
+        let [slots, free] = [volume.capacity(), volume.free_capacity()];
+        let too_few = |bricks: usize| EngineError::Atlas {
+            needed: (bricks + slots - free) as u64,
+            slots: slots as u64,
+            budget: self.budget_bytes,
+        };
+        if free < least {
+            return Err(too_few(least));
+        }
+        for plan in ready.slab_plans_mut() {
+            let bricks_of = |shape| self.slab_bricks(plan, shape);
+            let shape = slab::fitting(self.options.slab, free, bricks_of).map_err(too_few)?;
+            plan.slab = Some(shape);
         }
         let rays = &ready.final_plan().rays;
-        volume.classify(&self.gpu, rays, &ready.levels, &ready.bricks)?;
+        if let Some(volume) = &mut self.volume {
+            volume.classify(&self.gpu, rays, &ready.levels, &ready.bricks)?;
+        }
         Ok(ready)
+    }
+
+    /// Slots that a slab of a picture may need at once.
+    fn slab_bricks(&self, plan: &PicturePlan, shape: SlabShape) -> usize {
+        slab::slab_bricks(&plan.rays, &plan.settings, shape, |level| {
+            self.grids[usize::from(level.lod.0)].bricks.as_dvec3()
+        })
     }
 
     /// The atlas for `wanted` bricks, or as many as the budget holds beside `others` bytes.
@@ -326,9 +348,9 @@ impl GpuDevice {
     }
 
     /// Bytes of everything but the atlas and what its slots need in tables.
-    fn other_bytes(&self, tile: [u32; 2]) -> u64 {
+    fn other_bytes(&self, tile: [u32; 2], technique: Technique) -> u64 {
         Residency::table_bytes(&self.grids, 0)
-            + Renderer::tile_bytes(tile)
+            + Renderer::tile_bytes(tile, technique)
             + burst_bytes(self.budget_bytes)
             + mesh_bytes(self.budget_bytes)
             + Renderer::frame_bytes(self.grids.len())
@@ -362,6 +384,7 @@ impl GpuDevice {
                 self.gpu.info.driver, self.gpu.info.driver_info
             )),
             passes_ms,
+            layers: self.renderer.take_layer_stats(),
             bricks_read: Some(traffic.bricks_read),
             bricks_uploaded: Some(traffic.bricks_uploaded),
             bricks_evicted: Some(traffic.bricks_evicted),

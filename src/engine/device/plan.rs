@@ -4,7 +4,7 @@
 use crate::classify::Visibility;
 use crate::proxy::Mesh;
 use crate::render::FrameInputs;
-use crate::scene::{Classified, PictureSettings, RayFrame, Technique};
+use crate::scene::{Classified, PictureSettings, RayFrame, SlabShape, Technique};
 use crate::store::Store;
 
 use super::super::{EngineError, prepare};
@@ -20,16 +20,13 @@ pub(super) struct PicturePlan {
     pub(super) levels: SeenLevels,
     /// Mesh interval, brick and block skipping?
     pub(super) skip: bool,
+    /// With technique slab, once the memory is known: the slabs.
+    pub(super) slab: Option<SlabShape>,
 }
 
 impl PicturePlan {
     pub(super) fn new(store: &Store, settings: &PictureSettings) -> Result<Self, EngineError> {
         let (rays, classified) = prepare(store, settings)?;
-        if !matches!(settings.technique, Technique::Default | Technique::Basic) {
-            return Err(EngineError::NotBuilt {
-                what: settings.technique.name(),
-            });
-        }
         let skip = settings.technique != Technique::Basic;
         let iso = classified.surfaces.first().map(|s| s.value);
         let levels = rays
@@ -54,6 +51,7 @@ impl PicturePlan {
             classified,
             levels,
             skip,
+            slab: None,
         })
     }
 
@@ -72,6 +70,7 @@ impl PicturePlan {
             classified: &self.classified,
             settings: &self.settings,
             skip: self.skip,
+            slab: self.slab,
         }
     }
 
@@ -123,6 +122,18 @@ impl ReadyPictures {
             levels,
             bricks,
         })
+    }
+
+    /// Those that are drawn in slabs.
+    pub(super) fn slab_plans(&self) -> impl Iterator<Item = &PicturePlan> {
+        let plans = self.pictures.iter().map(|(plan, _)| plan);
+        plans.filter(|p| p.settings.technique == Technique::Slab)
+    }
+
+    /// The same.
+    pub(super) fn slab_plans_mut(&mut self) -> impl Iterator<Item = &mut PicturePlan> {
+        let plans = self.pictures.iter_mut().map(|(plan, _)| plan);
+        plans.filter(|p| p.settings.technique == Technique::Slab)
     }
 
     /// The picture that counts: the last.

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use glam::UVec2;
 
+use super::pipeline::ComputeParts;
 use super::{BoundsTargets, LeapTargets};
 use crate::camera::Projection;
 use crate::gpu::layout::{PixelCounts, RayState};
@@ -12,10 +13,20 @@ use crate::gpu::{GpuContext, GpuError};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, FrameInputs};
 use crate::render::residency::Residency;
-use crate::scene::{GradientFilter, Interpolation, Jitter, Mode, ShadingModel};
+use crate::scene::{GradientFilter, Interpolation, Jitter, Mode, ShadingModel, SlabRim, SlabShape};
 
-/// Pixels of a work-group.
+/// Pixels of a work-group whose rays walk by themselves.
 const GROUP: [u32; 2] = [8, 8];
+
+/// The same as values of the shaders' `override`s.
+pub(super) const GROUP_CONSTANTS: [(&str, f64); 2] = group_constants(GROUP);
+
+const fn group_constants(group: [u32; 2]) -> [(&'static str, f64); 2] {
+    [
+        ("GROUP_WIDTH", group[0] as f64),
+        ("GROUP_HEIGHT", group[1] as f64),
+    ]
+}
 
 /// Pixels in a row of the texture that lists pixels: whole work-groups.
 const LIST_WIDTH: u32 = 1024;
@@ -43,17 +54,20 @@ struct Variant {
     many_atlases: bool,
     draft: bool,
     leap: bool,
+    /// The rays of a work-group advance together, and what that takes.
+    slab: Option<(SlabShape, SlabRim)>,
 }
 
 impl Variant {
-    fn new(inputs: &FrameInputs<'_>, volume: &Residency, draft: bool) -> Self {
+    fn new(inputs: &FrameInputs<'_>, volume: &Residency, how: CastKind) -> Self {
         let settings = inputs.settings;
         let surfaces = &inputs.classified.surfaces;
         Self {
             many_levels: inputs.rays.used_levels > 1,
             many_atlases: volume.has_many_atlases(),
-            draft,
-            leap: draft && settings.leaps(),
+            draft: how == CastKind::Draft,
+            leap: how == CastKind::Draft && settings.leaps(),
+            slab: how.slab(inputs).map(|shape| (shape, SlabRim::of(settings))),
             mode: match settings.mode {
                 Mode::Dvr if settings.is_preintegrated() => ModePart::Preintegrated,
                 Mode::Dvr | Mode::Xray => ModePart::Post,
@@ -78,9 +92,11 @@ impl Variant {
     /// Values of the shader's `override`s; it has those of its mode only.
     fn constants(&self) -> Vec<(&'static str, f64)> {
         let flag = |name, is_set: bool| (name, f64::from(u8::from(is_set)));
-        let mut constants = vec![
-            ("GROUP_WIDTH", f64::from(GROUP[0])),
-            ("GROUP_HEIGHT", f64::from(GROUP[1])),
+        let group = group_of(self.slab.map(|(shape, _)| shape));
+        // Gradients are taken from neighbours, which may be in bricks where nothing can be seen.
+        let reads_beyond = self.slab.is_some_and(|(_, rim)| rim.sides > 0);
+        let mut constants = group_constants(group).to_vec();
+        constants.extend([
             flag("SHADED", self.shaded),
             flag("NEAREST", self.nearest),
             flag("JITTERED", self.jittered),
@@ -94,9 +110,21 @@ impl Variant {
             flag("MINIMUM", self.minimum),
             flag(
                 "EXACT_ENDS",
-                self.mode == ModePart::Preintegrated || self.surfaces > 1,
+                self.mode == ModePart::Preintegrated || self.surfaces > 1 || reads_beyond,
             ),
-        ];
+        ]);
+        if let Some((shape, rim)) = self.slab {
+            let [wide, high] = shape.span(rim);
+            constants.extend([
+                ("SLAB_DEPTH", f64::from(shape.depth)),
+                ("SLAB_RIM", f64::from(rim.sides)),
+                ("SLAB_FRONT", f64::from(rim.front)),
+                ("SLAB_WIDE", f64::from(wide)),
+                ("SLAB_AREA", f64::from(wide * high)),
+                ("SLAB_VALUES", f64::from(shape.values(rim))),
+                ("SLAB_RAYS", f64::from(shape.rays())),
+            ]);
+        }
         if self.mode == ModePart::Surfaces {
             constants.extend([
                 ("SURFACES", f64::from(self.surfaces)),
@@ -107,6 +135,29 @@ impl Variant {
         }
         constants
     }
+}
+
+/// For what rays are cast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::render) enum CastKind {
+    /// For a picture in which nothing waits.
+    Draft,
+    /// For all pixels of a tile.
+    Tile,
+    /// For listed pixels, which have no neighbours.
+    List,
+}
+
+impl CastKind {
+    /// The slabs in which they advance; `None` where each walks by itself.
+    pub(in crate::render) fn slab(self, inputs: &FrameInputs<'_>) -> Option<SlabShape> {
+        inputs.slab.filter(|_| self == Self::Tile)
+    }
+}
+
+/// Pixels of a work-group.
+fn group_of(slab: Option<SlabShape>) -> [u32; 2] {
+    slab.map_or(GROUP, |shape| [shape.width, shape.height])
 }
 
 /// The pipelines that were needed so far.
@@ -126,11 +177,10 @@ pub(in crate::render) struct RaycastTargets {
     pub(in crate::render) counts: wgpu::Buffer,
     /// Per pixel, where its ray stands.
     rays: wgpu::Buffer,
-    /// The pixels that are cast where not all are.
+    /// The pixels that the host lists where not all are cast.
     list: wgpu::Texture,
-    group: wgpu::BindGroup,
-    /// With starts and points.
-    leaping_group: Option<wgpu::BindGroup>,
+    /// Bound where nothing leaps: no starts, no points.
+    no_leap: [wgpu::TextureView; 2],
 }
 
 impl RaycastTargets {
@@ -141,6 +191,34 @@ impl RaycastTargets {
     /// Per pixel, where its ray stands.
     pub(in crate::render) fn rays(&self) -> &wgpu::Buffer {
         &self.rays
+    }
+
+    pub(super) fn list_view(&self) -> wgpu::TextureView {
+        self.list
+            .create_view(&wgpu::TextureViewDescriptor::default())
+    }
+
+    /// A texture that lists at most `pixels` pixels, filled up to whole work-groups.
+    pub(super) fn list_texture(
+        gpu: &GpuContext,
+        label: &str,
+        pixels: u64,
+        written: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
+        gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width: LIST_WIDTH,
+                height: pixels.div_ceil(u64::from(LIST_WIDTH)) as u32,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | written,
+            view_formats: &[],
+        })
     }
 
     /// Sends the pixels that are cast, each row << 16 | column within the tile, and no more than it has.
@@ -191,13 +269,7 @@ impl RaycastPass {
         }
     }
 
-    pub(in crate::render) fn targets(
-        &self,
-        gpu: &GpuContext,
-        bounds: &BoundsTargets,
-        volume: &Residency,
-        pixels: u64,
-    ) -> RaycastTargets {
+    pub(in crate::render) fn targets(gpu: &GpuContext, pixels: u64) -> RaycastTargets {
         let buffer = |label, size| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -211,21 +283,13 @@ impl RaycastPass {
         let picture = buffer("raycast.picture", pixels * 16);
         let counts = buffer("raycast.counts", pixels * size_of::<PixelCounts>() as u64);
         let rays = buffer("raycast.rays", pixels * size_of::<RayState>() as u64);
-        let list = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("raycast.pixel_list"),
-            size: wgpu::Extent3d {
-                width: LIST_WIDTH,
-                height: pixels.div_ceil(u64::from(LIST_WIDTH)) as u32,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
-        let [starts, points] = ["raycast.no_starts", "raycast.no_points"].map(|label| {
+        let list = RaycastTargets::list_texture(
+            gpu,
+            "raycast.pixel_list",
+            pixels,
+            wgpu::TextureUsages::COPY_DST,
+        );
+        let no_leap = ["raycast.no_starts", "raycast.no_points"].map(|label| {
             let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
                 size: wgpu::Extent3d::default(),
@@ -238,47 +302,61 @@ impl RaycastPass {
             });
             texture.create_view(&wgpu::TextureViewDescriptor::default())
         });
-        let buffers = [&picture, &counts, &rays, &volume.feedback];
-        let group = self.group(gpu, bounds, buffers, &list, [&starts, &points]);
         RaycastTargets {
             picture,
             counts,
             rays,
             list,
-            group,
-            leaping_group: None,
+            no_leap,
         }
     }
 
-    /// Lets rays start where `leap` says, and leave points there.
-    pub(in crate::render) fn add_leap(
-        &self,
-        gpu: &GpuContext,
-        targets: &mut RaycastTargets,
-        (bounds, volume): (&BoundsTargets, &Residency),
-        leap: &LeapTargets,
-    ) {
-        let RaycastTargets {
-            picture,
-            counts,
-            rays,
-            list,
-            ..
-        } = targets;
-        let buffers = [&*picture, counts, rays, &volume.feedback];
-        let views = [&leap.starts, &leap.points()];
-        targets.leaping_group = Some(self.group(gpu, bounds, buffers, list, views));
-    }
-
-    fn group(
+    /// Group 2 with the host's list of pixels.
+    pub(in crate::render) fn host_group(
         &self,
         gpu: &GpuContext,
         bounds: &BoundsTargets,
-        [picture, counts, rays, feedback]: [&wgpu::Buffer; 4],
-        list: &wgpu::Texture,
+        targets: &RaycastTargets,
+        feedback: &wgpu::Buffer,
+    ) -> wgpu::BindGroup {
+        self.group(gpu, bounds, targets, feedback, &targets.list_view())
+    }
+
+    /// Group 2 of drafts whose rays start where `leap` says, and leave points there.
+    pub(in crate::render) fn leap_group(
+        &self,
+        gpu: &GpuContext,
+        bounds: &BoundsTargets,
+        targets: &RaycastTargets,
+        feedback: &wgpu::Buffer,
+        leap: &LeapTargets,
+    ) -> wgpu::BindGroup {
+        let views = [&leap.starts, &leap.points()];
+        self.group_with(gpu, bounds, targets, feedback, &targets.list_view(), views)
+    }
+
+    /// Group 2 with a list of pixels.
+    pub(super) fn group(
+        &self,
+        gpu: &GpuContext,
+        bounds: &BoundsTargets,
+        targets: &RaycastTargets,
+        feedback: &wgpu::Buffer,
+        list: &wgpu::TextureView,
+    ) -> wgpu::BindGroup {
+        let [starts, points] = &targets.no_leap;
+        self.group_with(gpu, bounds, targets, feedback, list, [starts, points])
+    }
+
+    fn group_with(
+        &self,
+        gpu: &GpuContext,
+        bounds: &BoundsTargets,
+        targets: &RaycastTargets,
+        feedback: &wgpu::Buffer,
+        list: &wgpu::TextureView,
         [starts, points]: [&wgpu::TextureView; 2],
     ) -> wgpu::BindGroup {
-        let list_view = list.create_view(&wgpu::TextureViewDescriptor::default());
         let view = |i: usize| wgpu::BindGroupEntry {
             binding: i as u32,
             resource: wgpu::BindingResource::TextureView(&bounds.views[i]),
@@ -292,15 +370,15 @@ impl RaycastPass {
                 view(2),
                 wgpu::BindGroupEntry {
                     binding: 3,
-                    resource: picture.as_entire_binding(),
+                    resource: targets.picture.as_entire_binding(),
                 },
                 wgpu::BindGroupEntry {
                     binding: 4,
-                    resource: counts.as_entire_binding(),
+                    resource: targets.counts.as_entire_binding(),
                 },
                 wgpu::BindGroupEntry {
                     binding: 5,
-                    resource: rays.as_entire_binding(),
+                    resource: targets.rays.as_entire_binding(),
                 },
                 wgpu::BindGroupEntry {
                     binding: 6,
@@ -312,7 +390,7 @@ impl RaycastPass {
                 },
                 wgpu::BindGroupEntry {
                     binding: 8,
-                    resource: wgpu::BindingResource::TextureView(&list_view),
+                    resource: wgpu::BindingResource::TextureView(list),
                 },
                 wgpu::BindGroupEntry {
                     binding: 9,
@@ -333,47 +411,43 @@ impl RaycastPass {
         inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
         volume: &Residency,
-        draft: bool,
+        how: CastKind,
     ) -> Result<(), GpuError> {
-        let variant = Variant::new(inputs, volume, draft);
+        let variant = Variant::new(inputs, volume, how);
         if self.pipelines.contains_key(&variant) {
             return Ok(());
         }
-        let source = shader::caster(shader::RAYCASTERS, variant.mode, variant.atlas);
+        let (casters, entry) = match variant.slab {
+            None => (shader::RAYCASTERS, "cast_rays"),
+            Some(_) => (shader::SLABCASTERS, "cast_slabs"),
+        };
+        let source = shader::caster(casters, variant.mode, variant.atlas);
         let module = source.compile(gpu)?;
-        let pipeline = gpu.checked("building the raycaster", || {
-            let layout = gpu
-                .device
-                .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                    label: Some("raycast.pipeline"),
-                    bind_group_layouts: &[
-                        Some(&frame.layout),
-                        Some(&volume.layout),
-                        Some(&self.layout),
-                    ],
-                    immediate_size: 0,
-                });
-            Ok(gpu
-                .device
-                .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                    label: Some("raycast.pipeline"),
-                    layout: Some(&layout),
-                    module: &module,
-                    entry_point: Some("cast_rays"),
-                    compilation_options: wgpu::PipelineCompilationOptions {
-                        constants: &variant.constants(),
-                        ..Default::default()
-                    },
-                    cache: None,
-                }))
-        })?;
+        let pipeline = ComputeParts {
+            label: "raycast.pipeline",
+            doing: "building the raycaster",
+            module: &module,
+            entry,
+            layouts: &[&frame.layout, &volume.layout, &self.layout],
+            constants: &variant.constants(),
+            // Whatever is read there was written before.
+            zero_workgroup_memory: false,
+        }
+        .build(gpu)?;
         self.pipelines.insert(variant, pipeline);
         Ok(())
     }
 
     /// Work-groups along x and y that a tile of `size` pixels takes.
-    pub(in crate::render) fn group_count(size: [u32; 2]) -> UVec2 {
-        UVec2::new(size[0].div_ceil(GROUP[0]), size[1].div_ceil(GROUP[1]))
+    pub(in crate::render) fn group_count(size: [u32; 2], slab: Option<SlabShape>) -> UVec2 {
+        let group = group_of(slab);
+        UVec2::new(size[0].div_ceil(group[0]), size[1].div_ceil(group[1]))
+    }
+
+    /// First pixel of a work-group of a tile of `size` pixels.
+    pub(in crate::render) fn group_pixel(size: [u32; 2], group: u32) -> [u32; 2] {
+        let wide = Self::group_count(size, None).x;
+        [group % wide * GROUP[0], group / wide * GROUP[1]]
     }
 
     /// Work-groups of a list of `pixels` pixels.
@@ -381,29 +455,23 @@ impl RaycastPass {
         pixels.div_ceil(GROUP[0] * GROUP[1])
     }
 
-    /// Casts `groups` work-groups, which the feedback buffer lists. The pipeline must have been prepared.
-    pub(in crate::render) fn record(
+    /// Makes `pass` ready to cast, with `group` as group 2. The pipeline must have been prepared.
+    pub(in crate::render) fn bind(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
         inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
         volume: &Residency,
-        targets: &RaycastTargets,
-        (groups, draft): (u32, bool),
+        group: &wgpu::BindGroup,
+        how: CastKind,
     ) {
-        let variant = Variant::new(inputs, volume, draft);
         let pipeline = self
             .pipelines
-            .get(&variant)
+            .get(&Variant::new(inputs, volume, how))
             .expect("invariant: prepared before recorded");
-        let group = match &targets.leaping_group {
-            Some(group) if variant.leap => group,
-            _ => &targets.group,
-        };
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &frame.group, &[]);
         pass.set_bind_group(1, &volume.group, &[]);
         pass.set_bind_group(2, group, &[]);
-        pass.dispatch_workgroups(groups, 1, 1);
     }
 }

@@ -5,6 +5,7 @@ mod classify;
 mod output;
 mod page;
 mod render;
+mod seeds;
 
 use std::process::ExitCode;
 
@@ -20,7 +21,8 @@ use crate::engine::Engine;
     brickscope bench render chest.bsk --modes dvr,iso,mip --iso 300 --size 512x512 --step 1\n  \
     brickscope bench brick phantom:body:512,512,512:u16 --zstd 1,3\n  \
     brickscope bench page chest.bsk --gpu-memory 64MiB\n  \
-    brickscope bench classify chest.bsk --size 512x512")]
+    brickscope bench classify chest.bsk --size 512x512\n  \
+    brickscope bench seeds foot.bsk engine.bsk --iso foot=600")]
 pub struct Args {
     #[command(subcommand)]
     what: What,
@@ -32,6 +34,7 @@ enum What {
     Brick(brick::Args),
     Page(Box<page::Args>),
     Classify(Box<classify::Args>),
+    Seeds(Box<seeds::Args>),
 }
 
 /// Measures, and prints a table or JSON lines.
@@ -44,6 +47,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         What::Brick(args) => brick::run(&args),
         What::Page(args) => page::run(&args),
         What::Classify(args) => classify::run(&args),
+        What::Seeds(args) => seeds::run(&args),
     }
 }
 

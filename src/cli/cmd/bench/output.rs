@@ -18,7 +18,7 @@ pub(super) struct OutputArgs {
     /// Write the report to this file: machine, command, version and figures
     #[arg(long, value_name = "REPORT.json", help_heading = "Reports")]
     out: Option<PathBuf>,
-    /// Draw the times as bars into this file
+    /// Draw the times as bars into this file; bench seeds: the speed-ups
     #[arg(long, value_name = "PLOT.svg", help_heading = "Reports")]
     svg: Option<PathBuf>,
     /// Hold the figures against an older report: old ÷ new, more than 1 is faster
@@ -49,6 +49,28 @@ impl OutputArgs {
         remarks: &[String],
         title: &str,
     ) -> anyhow::Result<()> {
+        let print = |rows: &[R]| {
+            let mut text = table(rows);
+            for remark in remarks {
+                text += "\n\n";
+                text += remark;
+            }
+            text
+        };
+        self.finish_with(rows, old, print, title)
+    }
+
+    /// As [`Self::finish`], with a table of one's own.
+    ///
+    /// # Errors
+    /// Standard output or a file can't be written.
+    pub(super) fn finish_with<R: Row>(
+        &self,
+        rows: Vec<R>,
+        old: Option<&Report<R>>,
+        print: impl FnOnce(&[R]) -> String,
+        title: &str,
+    ) -> anyhow::Result<()> {
         let mut comparison = old.map(Comparison::new);
         let ratios: Vec<Option<Ratios>> = rows
             .iter()
@@ -64,10 +86,7 @@ impl OutputArgs {
                 writeln!(out, "{}", serde_json::to_string(&line)?)?;
             }
         } else {
-            writeln!(out, "{}", table(&report.rows))?;
-            for remark in remarks {
-                writeln!(out, "\n{remark}")?;
-            }
+            writeln!(out, "{}", print(&report.rows))?;
             if old.is_some() {
                 writeln!(out, "\n{}", ratio_table(&report.rows, &ratios))?;
             }
