@@ -409,7 +409,7 @@ fn bindings_of_another_kind_or_place_are_reported() {
     );
     let swapped = differences(&[bindings::FRAME, bindings::RAYCAST, bindings::VOLUME_FLOAT]);
     assert!(
-        swapped.contains("brick_extremes: not in the layout"),
+        swapped.contains("atlas3: the layout has"),
         "groups swapped: {swapped}"
     );
 }

@@ -50,7 +50,7 @@ fn leap_start(pixel: vec2u) -> f32 {
     let eye = max(frame.near_mm * ray.stretch, 0.01 * frame.step_mm);
     let near = max(ray.first_mm + inside.x * ray.step_mm, eye);
     let far = ray.first_mm + inside.y * ray.step_mm;
-    let plane = ray_plane(pixel);
+    let plane = ray_plane(vec2f(pixel));
     let origin = leap.origin[0].xyz + leap.origin[1].xyz * plane.x + leap.origin[2].xyz * plane.y;
     let direction = (leap.direction[0].xyz + leap.direction[1].xyz * plane.x + leap.direction[2].xyz * plane.y) / ray.stretch;
     let from_point = origin + direction * near;
