@@ -27,7 +27,7 @@ pub use curve::{
 pub use lut::{LUT_ENTRIES, Lut, OpacityCorrection};
 pub use occupancy::Occupancy;
 pub use paraview::{TransferFileError, parse_paraview, read_paraview, to_paraview};
-pub use preintegrated::{PreintegratedTable, TransferIntegrals};
+pub use preintegrated::{PreintegratedTable, SegmentTables, TransferIntegrals};
 pub use presets::{Preset, PresetScale};
 pub use range_table::RangeTable;
 pub use transfer::{TransferFunction, grey_ramp, window_range};

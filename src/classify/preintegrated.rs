@@ -15,6 +15,8 @@
 //! value = near + (far − near) · g
 //! ```
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use rayon::prelude::*;
 
 use super::transfer::TransferFunction;
@@ -164,6 +166,76 @@ impl TransferIntegrals {
     }
 }
 
+/// What the integrals are of: all that their tables depend on but the length of the segments.
+#[derive(Clone, Debug, PartialEq)]
+struct IntegralsKey {
+    tf: TransferFunction,
+    rescale: (f64, f64),
+    domain_stored: [f64; 2],
+    side: usize,
+    unit_mm: f64,
+}
+
+/// The integrals and tables that were last asked for: pictures of one transfer function share them, whatever the camera does.
+/// Clones are the same one.
+#[derive(Clone, Debug, Default)]
+pub struct SegmentTables {
+    last: Arc<Mutex<Option<KnownTables>>>,
+}
+
+#[derive(Debug)]
+struct KnownTables {
+    key: IntegralsKey,
+    integrals: Arc<TransferIntegrals>,
+    /// By length of the segments, mm.
+    tables: Vec<(f64, Arc<PreintegratedTable>)>,
+}
+
+impl SegmentTables {
+    /// The integrals ([`TransferIntegrals::new`]) and a table for each length of segments (mm), in that order: those that are
+    /// there, or new ones. Tables of other lengths are dropped.
+    pub fn of(
+        &self,
+        tf: &TransferFunction,
+        rescale: (f64, f64),
+        domain_stored: [f64; 2],
+        side: usize,
+        unit_mm: f64,
+        steps_mm: &[f64],
+    ) -> (Arc<TransferIntegrals>, Vec<Arc<PreintegratedTable>>) {
+        let key = IntegralsKey {
+            tf: tf.clone(),
+            rescale,
+            domain_stored,
+            side,
+            unit_mm,
+        };
+        // What a panic left is whole: nothing is changed in place.
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = last.take().filter(|known| known.key == key);
+        let (integrals, known) = match known {
+            Some(known) => (known.integrals, known.tables),
+            None => {
+                let new = TransferIntegrals::new(tf, rescale, domain_stored, side, unit_mm);
+                (Arc::new(new), Vec::new())
+            }
+        };
+        let mut tables: Vec<(f64, Arc<PreintegratedTable>)> = Vec::with_capacity(steps_mm.len());
+        for &step_mm in steps_mm {
+            let there = tables.iter().chain(&known).find(|t| t.0 == step_mm);
+            let table = there.map_or_else(|| Arc::new(integrals.table(step_mm)), |t| Arc::clone(&t.1));
+            tables.push((step_mm, table));
+        }
+        let own = tables.iter().map(|t| Arc::clone(&t.1)).collect();
+        *last = Some(KnownTables {
+            key,
+            integrals: Arc::clone(&integrals),
+            tables,
+        });
+        (integrals, own)
+    }
+}
+
 impl PreintegratedTable {
     /// Entries along a side.
     pub fn side(&self) -> usize {
@@ -275,6 +347,24 @@ mod tests {
             thin.table(1.0).sample(90.0, 110.0)[3] > 0.01,
             "a peak between two entries isn't lost"
         );
+    }
+
+    #[test]
+    fn tables_are_worked_out_once() {
+        let ramp = |top| grey_ramp(0.0, 255.0, top).unwrap();
+        let (tables, domain) = (SegmentTables::default(), [0.0, 255.0]);
+        let of = |tf: &TransferFunction, unit, steps: &[f64]| {
+            tables.clone().of(tf, (1.0, 0.0), domain, 256, unit, steps).1
+        };
+        let first = of(&ramp(0.5), 1.0, &[0.5, 1.0]);
+        let again = of(&ramp(0.5), 1.0, &[1.0, 2.0]);
+        assert!(Arc::ptr_eq(&first[1], &again[0]), "the same length");
+        assert_ne!(again[0], again[1], "another length");
+        for other in [of(&ramp(0.6), 1.0, &[1.0]), of(&ramp(0.6), 2.0, &[1.0])] {
+            assert_ne!(other[0], first[1], "of another function or unit");
+        }
+        let fresh = TransferIntegrals::new(&ramp(0.6), (1.0, 0.0), domain, 256, 1.0);
+        assert_eq!(*of(&ramp(0.6), 1.0, &[1.0])[0], fresh.table(1.0));
     }
 
     #[test]

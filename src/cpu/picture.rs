@@ -294,7 +294,7 @@ fn scene_of(picture: &CpuPicture) -> Scene<'_> {
         mode: settings.mode,
         tables: &picture.tables,
         segments: levels
-            .filter_map(|l| l.preintegrated.as_ref().map(SegmentTable::new))
+            .filter_map(|l| l.preintegrated.as_deref().map(SegmentTable::new))
             .collect(),
         intervals: picture.intervals.as_deref().unwrap_or_default(),
         skips: settings.technique != Technique::Basic,

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Engine, EngineError, prepare};
-use crate::classify::Occupancy;
+use crate::classify::{Occupancy, SegmentTables};
 use crate::geom::{BLOCK_EDGE, BrickId};
 use crate::pager::scan;
 use crate::proxy::ActiveBlocks;
@@ -31,7 +31,7 @@ impl Engine {
     /// The settings make no picture, or a brick can't be read.
     pub fn active_share(&self, settings: &PictureSettings) -> Result<ActiveShare, EngineError> {
         let store = &*self.store;
-        let (rays, classified) = prepare(store, settings)?;
+        let (rays, classified) = prepare(store, &SegmentTables::default(), settings)?;
         let (lod, visibility) = (rays.levels[0].lod, &classified.levels[0].visibility);
         store.check_level(lod)?;
         let visible: Vec<BrickId> = scan(store, lod, visibility)

@@ -9,11 +9,12 @@ use super::{
     DeviceChoice, EngineError, EngineOptions, Picture, TickBudget, TickEvent, TickReport, prepare,
 };
 use crate::camera::Camera;
+use crate::classify::SegmentTables;
 use crate::clock::Stopwatch;
 use crate::cpu::{CpuPicture, CpuRenderer, CpuTraffic, DenseArray, InstructionSet};
 use crate::geom::Lod;
 use crate::reference;
-use crate::scene::{Image, PictureSettings, PictureStats};
+use crate::scene::{Image, PictureSettings, PictureStats, Technique};
 use crate::store::Store;
 
 /// Tiles, or other parts, that are in memory beside the picture at most: 16 MiB.
@@ -26,6 +27,7 @@ const TILES_PER_THREAD: u32 = 4;
 pub(super) struct HostDevice {
     store: Arc<Store>,
     renderer: Renderer,
+    tables: SegmentTables,
     ram_bytes: u64,
     live: Option<Live>,
 }
@@ -70,6 +72,7 @@ impl HostDevice {
         Self {
             store: Arc::clone(store),
             renderer,
+            tables: SegmentTables::default(),
             ram_bytes: options.ram_bytes,
             live: None,
         }
@@ -106,21 +109,26 @@ impl HostDevice {
         let (image, stats) = match &mut self.renderer {
             Renderer::Fast(renderer) => {
                 let before = renderer.traffic();
-                let mut picture = begin(&self.store, settings)?;
+                let mut picture = begin(&self.store, &self.tables, settings)?;
                 while !picture.is_done() {
                     renderer.draw(&mut picture, TILES_AT_ONCE)?;
                 }
                 let stats = stats_of(&picture, before, renderer.traffic());
                 (picture.into_image(), stats)
             }
-            Renderer::Reference => draw_reference(&self.store, self.ram_bytes, settings)?,
+            Renderer::Reference => draw_reference(&self.store, &self.tables, self.ram_bytes, settings)?,
         };
         Ok(Picture {
             image,
             stats,
             touched: Vec::new(),
-            notes: Vec::new(),
+            notes: technique_note(settings.technique).into_iter().collect(),
         })
+    }
+
+    /// See [`super::Engine::has_technique`].
+    pub(super) fn has_technique(technique: Technique) -> bool {
+        matches!(technique, Technique::Default | Technique::Basic)
     }
 
     /// Sets the picture that ticks draw.
@@ -193,7 +201,7 @@ impl HostDevice {
         };
         let pending = match &mut live.pending {
             Some(pending) => pending,
-            None => live.pending.insert(plan(&self.store, &live.settings)?),
+            None => live.pending.insert(plan(&self.store, &self.tables, &live.settings)?),
         };
         let Some(picture) = pending.last_mut() else {
             return Ok(None);
@@ -236,7 +244,7 @@ impl HostDevice {
                     camera,
                     ..settings.clone()
                 };
-                begin(&self.store, &settings)
+                begin(&self.store, &self.tables, &settings)
             })
             .collect::<Result<_, _>>()?;
         let levels: BTreeSet<Lod> = pictures
@@ -290,9 +298,23 @@ fn mark(live: &mut Live, event: TickEvent) {
     }
 }
 
+/// That another technique draws than the one asked for.
+fn technique_note(technique: Technique) -> Option<String> {
+    (!HostDevice::has_technique(technique)).then(|| {
+        format!(
+            "technique {} is one of graphics adapters; on the CPU technique default draws the same picture",
+            technique.name()
+        )
+    })
+}
+
 /// A picture made ready to be drawn.
-fn begin(store: &Store, settings: &PictureSettings) -> Result<CpuPicture, EngineError> {
-    let (frame, classified) = prepare(store, settings)?;
+fn begin(
+    store: &Store,
+    tables: &SegmentTables,
+    settings: &PictureSettings,
+) -> Result<CpuPicture, EngineError> {
+    let (frame, classified) = prepare(store, tables, settings)?;
     for level in frame.used() {
         let bricks = store.level(level.lod).grid.len();
         if bricks > CpuRenderer::MAX_BRICKS {
@@ -307,10 +329,14 @@ fn begin(store: &Store, settings: &PictureSettings) -> Result<CpuPicture, Engine
 }
 
 /// What leads to the exact picture, the last first.
-fn plan(store: &Store, settings: &PictureSettings) -> Result<Vec<CpuPicture>, EngineError> {
-    let exact = begin(store, settings)?;
+fn plan(
+    store: &Store,
+    tables: &SegmentTables,
+    settings: &PictureSettings,
+) -> Result<Vec<CpuPicture>, EngineError> {
+    let exact = begin(store, tables, settings)?;
     let coarse = match settings.first_whole() {
-        Some(settings) => Some(begin(store, &settings)?),
+        Some(settings) => Some(begin(store, tables, &settings)?),
         None => None,
     };
     let is_coarser = |p: &CpuPicture| p.frame().used() != exact.frame().used();
@@ -337,10 +363,11 @@ fn stats_of(picture: &CpuPicture, before: CpuTraffic, after: CpuTraffic) -> Pict
 
 fn draw_reference(
     store: &Store,
+    tables: &SegmentTables,
     ram_bytes: u64,
     settings: &PictureSettings,
 ) -> Result<(Image, PictureStats), EngineError> {
-    let (rays, classified) = prepare(store, settings)?;
+    let (rays, classified) = prepare(store, tables, settings)?;
     let share = ram_bytes / rays.used_levels as u64;
     let mut fields = Vec::with_capacity(rays.used_levels);
     for level in rays.used() {

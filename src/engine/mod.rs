@@ -27,7 +27,10 @@ pub use options::{
 pub use picture::Picture;
 pub use tick::{TickBudget, TickEvent, TickReport};
 
-use crate::scene::{Classified, GridParams, PictureSettings, RayFrame, SceneError};
+use crate::classify::SegmentTables;
+use crate::scene::{
+    Classified, GridParams, PictureSettings, RayFrame, SceneError, SlabShape, Technique,
+};
 use crate::store::{Store, StoreMeta};
 use host::HostDevice;
 
@@ -112,6 +115,26 @@ impl Engine {
             Device::Cpu(_) => true,
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.is_software(),
+        }
+    }
+
+    /// Does the device walk rays by that technique? One that it has not it draws as [`Technique::Default`]: the same picture,
+    /// and [`Picture::notes`] say so.
+    pub fn has_technique(&self, technique: Technique) -> bool {
+        match &self.device {
+            Device::Cpu(_) => HostDevice::has_technique(technique),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(_) => true,
+        }
+    }
+
+    /// Sets the slabs of technique slab anew (as in [`EngineOptions`]).
+    pub fn set_slab(&mut self, shape: SlabShape) {
+        self.options.slab = shape;
+        match &mut self.device {
+            Device::Cpu(_) => (),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.set_slab(shape),
         }
     }
 
@@ -236,9 +259,10 @@ fn open_device(
     }
 }
 
-/// The sample grid and the classification of a picture.
+/// The sample grid and the classification of a picture, with what is known of tables.
 fn prepare(
     store: &Store,
+    known: &SegmentTables,
     settings: &PictureSettings,
 ) -> Result<(RayFrame, Classified), SceneError> {
     let meta = store.meta();
@@ -251,6 +275,6 @@ fn prepare(
         jitter: settings.jitter,
     };
     let rays = RayFrame::new(&settings.camera, settings.size, &params)?;
-    let classified = Classified::new(settings, meta, &rays)?;
+    let classified = Classified::new(settings, meta, &rays, known)?;
     Ok((rays, classified))
 }

@@ -112,8 +112,6 @@ impl Default for EngineOptions {
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the messages say it")]
 pub enum EngineError {
-    #[error("{what} is not built for this device yet")]
-    NotBuilt { what: &'static str },
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]

@@ -1,5 +1,7 @@
 //! Bind group 0: one frame, or one dispatch of it.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DMat4, DVec3, DVec4, Vec3};
 
 use crate::camera::Projection;
@@ -59,6 +61,8 @@ pub(super) struct FrameBindings {
     lut: wgpu::Texture,
     /// A layer per level; one texel while nothing is pre-integrated.
     preintegrated: wgpu::Texture,
+    /// What its layers hold.
+    integrals: Vec<Arc<PreintegratedTable>>,
     pub(super) layout: wgpu::BindGroupLayout,
     pub(super) group: wgpu::BindGroup,
 }
@@ -97,6 +101,7 @@ impl FrameBindings {
             uniforms,
             lut,
             preintegrated,
+            integrals: Vec::new(),
             layout,
             group,
         }
@@ -131,12 +136,20 @@ impl FrameBindings {
                 &self.lut,
                 &self.preintegrated,
             );
+            self.integrals.clear();
         }
         let integrals = classified
             .levels
             .iter()
             .filter_map(|l| l.preintegrated.as_ref());
         for (layer, table) in (0..).zip(integrals) {
+            // 16 MiB for 16-bit volumes: not for every frame.
+            let there = self.integrals.get(layer as usize);
+            if there.is_some_and(|there| Arc::ptr_eq(there, table)) {
+                continue;
+            }
+            self.integrals.truncate(layer as usize);
+            self.integrals.push(Arc::clone(table));
             gpu.queue.write_texture(
                 wgpu::TexelCopyTextureInfo {
                     texture: &self.preintegrated,
@@ -314,7 +327,7 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
         surface_colors[k] = surface.color.extend(surface.opacity).to_array();
         surface_values[k / 4][k % 4] = surface.value;
     }
-    let integrals = classified.levels[0].preintegrated.as_ref();
+    let integrals = classified.levels[0].preintegrated.as_deref();
     let [preintegrated_lo, preintegrated_scale] =
         integrals.map_or([0.0; 2], PreintegratedTable::index_lo_scale);
     // Both sides of the one iso-value; with several an empty brick is not judged by its side.

@@ -1,13 +1,15 @@
 //! A classification made ready for one mode, one step and one volume: the look-up table that shaders and reference
 //! read, and the test "can a range of values be seen" on that very table (invariant 4 of design.md).
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use thiserror::Error;
 
 use super::{Extreme, IsoSurface, Mode, PictureSettings, RayFrame};
 use crate::camera::CameraError;
 use crate::classify::{
-    LUT_ENTRIES, Lut, OpacityCorrection, PreintegratedTable, TransferIntegrals, Visibility,
+    LUT_ENTRIES, Lut, OpacityCorrection, PreintegratedTable, SegmentTables, Visibility,
     grey_ramp,
 };
 use crate::store::StoreMeta;
@@ -51,8 +53,8 @@ pub struct Classified {
     /// In modes mip and minip: no sample times [`Extreme::sign`] is greater ([`Extreme::bound`]).
     pub extreme_end: f32,
     /// A stored value that can't be seen: what samples may read in bricks in which nothing can be. Where every value can be
-    /// seen, no brick is empty, and nobody reads it. In mode iso it depends on the brick ([`Self::zone_value`]), and a
-    /// pre-integrated segment needs the value itself.
+    /// seen, no brick is empty, and nobody reads it. In mode iso any value on the brick's side of the surfaces
+    /// will do, and a pre-integrated segment needs the value itself.
     pub unseen: f32,
     /// In mode gradient: optical depth is scaled by min(1, this · length of the gradient (stored units per mm)), so that
     /// it is whole where the value crosses a quarter of the transfer function's range within the smallest spacing of level 0.
@@ -66,7 +68,7 @@ pub struct ClassifiedLevel {
     /// gradient ([`OpacityCorrection::Depth`]), as it is in the others.
     pub lut: Lut,
     /// Colour and opacity of the level's segments, where the picture is pre-integrated.
-    pub preintegrated: Option<PreintegratedTable>,
+    pub preintegrated: Option<Arc<PreintegratedTable>>,
     /// Which ranges of stored values matter to the mode.
     pub visibility: Visibility,
 }
@@ -83,7 +85,8 @@ pub struct ClassifiedSurface {
 }
 
 impl Classified {
-    /// Prepares `settings` for a volume and the levels that `frame` samples.
+    /// Prepares `settings` for a volume and the levels that `frame` samples, with the tables of segments among `known`, if they
+    /// are there.
     ///
     /// # Errors
     /// Mode iso without a value, or with too many.
@@ -91,6 +94,7 @@ impl Classified {
         settings: &PictureSettings,
         meta: &StoreMeta,
         frame: &RayFrame,
+        known: &SegmentTables,
     ) -> Result<Self, SceneError> {
         let classification = &settings.classification;
         let mode = settings.mode;
@@ -111,15 +115,16 @@ impl Classified {
         let domain = Lut::fitted_domain(transfer, line, value_range.map(f64::from));
         let surfaces = surfaces(settings, meta)?;
         let values: Vec<f32> = surfaces.iter().map(|s| s.value).collect();
-        let integrals = settings.is_preintegrated().then(|| {
+        let segments = settings.is_preintegrated().then(|| {
             // One entry per value where there are so few.
             let side = match meta.stored_type {
                 StoredType::U8 => 256,
                 StoredType::U16 | StoredType::F32 => 1024,
             };
-            TransferIntegrals::new(transfer, line, value_range.map(f64::from), side, unit_mm)
+            let steps: Vec<f64> = frame.used().iter().map(|l| l.step_mm_exact).collect();
+            known.of(transfer, line, value_range.map(f64::from), side, unit_mm, &steps)
         });
-        let level = |step_mm: f64| {
+        let level = |number: usize, step_mm: f64| {
             let correction = match mode {
                 Mode::Dvr | Mode::Xray => OpacityCorrection::Step { step_mm, unit_mm },
                 Mode::Gradient => OpacityCorrection::Depth { step_mm, unit_mm },
@@ -128,23 +133,23 @@ impl Classified {
             let lut = Lut::bake(transfer, line, domain, correction);
             let [floor, ceiling] = value_range;
             ClassifiedLevel {
-                visibility: match (mode, &integrals) {
-                    (Mode::Dvr, Some(integrals)) => Visibility::preintegrated(integrals),
+                visibility: match (mode, &segments) {
+                    (Mode::Dvr, Some((integrals, _))) => Visibility::preintegrated(integrals),
                     (Mode::Dvr | Mode::Xray | Mode::Gradient, _) => Visibility::opacity(&lut),
                     (Mode::Mip, _) => Visibility::AboveMinimum { floor },
                     (Mode::MinIp, _) => Visibility::BelowMaximum { ceiling },
                     (Mode::Mean, _) => Visibility::All,
                     (Mode::Iso, _) => Visibility::iso(&values, value_range),
                 },
-                preintegrated: integrals.as_ref().map(|i| i.table(step_mm)),
+                preintegrated: segments.as_ref().map(|(_, tables)| Arc::clone(&tables[number])),
                 lut,
             }
         };
         let levels: Vec<ClassifiedLevel> = if mode.composites() {
-            let used = frame.used().iter();
-            used.map(|l| level(l.step_mm_exact)).collect()
+            let used = frame.used().iter().enumerate();
+            used.map(|(n, l)| level(n, l.step_mm_exact)).collect()
         } else {
-            vec![level(frame.step_mm_exact); frame.used_levels]
+            vec![level(0, frame.step_mm_exact); frame.used_levels]
         };
         let unseen = match mode {
             Mode::MinIp => value_range[1],
@@ -167,15 +172,6 @@ impl Classified {
     /// On how many surfaces' upper sides `value` lies: the number of the zone between them.
     pub fn zone(&self, value: f32) -> usize {
         self.surfaces.iter().filter(|s| value >= s.value).count()
-    }
-
-    /// A value inside a zone, from 0 to the number of surfaces: what samples may read in a brick that lies in it as a whole.
-    pub fn zone_value(&self, zone: usize) -> f32 {
-        match zone.checked_sub(1) {
-            None => f32::MIN,
-            // A surface's own value lies above it.
-            Some(below) => self.surfaces[below].value,
-        }
     }
 }
 

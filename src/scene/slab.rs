@@ -15,7 +15,7 @@ pub struct SlabShape {
 
 impl Default for SlabShape {
     fn default() -> Self {
-        // The fastest of those measured (`--bench slab`) that fit the 16 KiB which every adapter has, whatever the gradients.
+        // The fastest of those measured (`bench seeds --tables T5`) that fit the 16 KiB which every adapter has, whatever the gradients.
         Self {
             width: 8,
             height: 8,

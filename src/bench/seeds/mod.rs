@@ -3,7 +3,7 @@
 //! - A comparison is one picture drawn in several ways: same cameras, spread over the full turn of cli.md, from which each frame
 //!   is drawn to its end (of [`SeedTable::T2`]'s leaping, at once).
 //! - The ways take turns frame by frame, so that what disturbs the machine hits all alike; before each timed frame the same
-//!   way draws, untimed, the one two degrees before it.
+//!   way draws, untimed, the one a degree before it.
 //! - A repeat is the whole turn. Times are medians over the repeats, per frame. A speed-up is the median over the repeats of
 //!   the baseline's time ÷ the row's, by the process's CPU clock where the processor draws, else by the device's timestamps,
 //!   else by wall time.
@@ -116,7 +116,7 @@ pub struct SeedJob {
     pub tables: Vec<SeedTable>,
     /// What is seen.
     pub pictures: SeedPictures,
-    /// Timed frames of the turn, from 1 to 180.
+    /// Timed frames of the turn, from 1 to 360.
     pub frames: u32,
     /// Turns, at least 1.
     pub repeats: u32,
@@ -143,6 +143,8 @@ pub struct SeedRow {
     pub size: String,
     /// Distance of samples in units of the smallest spacing.
     pub step: f64,
+    /// The level of the samples nearest to the eye; null where nothing could be drawn.
+    pub level: Option<u8>,
     /// Values of the surfaces, physical.
     pub iso: Vec<f64>,
     /// Timed frames of a turn.
@@ -228,7 +230,16 @@ impl Row for SeedRow {
             device,
             ..
         } = self;
-        format!("{table} {vol} {picture}: {configuration} {size} step {step} {device}")
+        let level = self.level.map_or("–".into(), |level| level.to_string());
+        let iso: Vec<String> = self.iso.iter().map(f64::to_string).collect();
+        let iso = if iso.is_empty() {
+            String::new()
+        } else {
+            format!(" iso {}", iso.join("+"))
+        };
+        format!(
+            "{table} {vol} {picture}: {configuration} {size} step {step} level {level}{iso} {device}"
+        )
     }
 
     fn times(&self) -> Vec<NamedTime> {

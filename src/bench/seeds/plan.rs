@@ -7,7 +7,7 @@ use super::{SeedPictures, SeedTable};
 use crate::camera::Camera;
 use crate::scene::{
     AntiAliasing, GradientFilter, IsoSurface, Mode, PictureSettings, SamplePattern, Shading,
-    ShadingModel, Technique,
+    ShadingModel, SlabShape, Technique,
 };
 
 /// Step of the pictures, voxels.
@@ -15,7 +15,18 @@ const STEP: f64 = 1.0;
 /// Step that refined surfaces bear (techniques.md T1.3), voxels.
 const REFINED_STEP: f64 = 5.0;
 /// Thresholds of selective super-sampling.
-const THRESHOLDS: [f32; 4] = [0.02, 0.04, 0.08, 0.16];
+const THRESHOLDS: [f32; 4] = [0.02, 0.05, 0.1, AntiAliasing::THRESHOLD];
+/// An opacity that no ray has: none ends early.
+const NO_CUTOFF: f32 = 2.0;
+/// Work-groups, and samples at once, beside the default slab.
+const SHAPES: [[u32; 3]; 6] = [
+    [8, 8, 4],
+    [8, 8, 8],
+    [8, 8, 16],
+    [16, 8, 8],
+    [16, 16, 4],
+    [32, 8, 4],
+];
 
 /// One picture, drawn in several ways.
 #[derive(Clone, Debug)]
@@ -32,6 +43,8 @@ pub(super) struct Column {
     /// In words.
     pub(super) name: String,
     pub(super) settings: PictureSettings,
+    /// With technique slab.
+    pub(super) slab: SlabShape,
     pub(super) drawing: Drawing,
     /// The column whose time is divided by this one's, and what they found there.
     pub(super) against: Option<(usize, &'static [Reported])>,
@@ -55,6 +68,7 @@ impl Column {
         Self {
             name: name.into(),
             settings,
+            slab: SlabShape::default(),
             drawing: Drawing::Whole,
             against: None,
             exact: None,
@@ -69,6 +83,11 @@ impl Column {
 
     fn exact(mut self, column: usize) -> Self {
         self.exact = Some(column);
+        self
+    }
+
+    fn in_slabs(mut self, slab: SlabShape) -> Self {
+        self.slab = slab;
         self
     }
 
@@ -213,6 +232,8 @@ impl Plan<'_> {
     /// T2: super-sampling.
     fn rays(&self) -> Comparison {
         use SamplePattern::{Eight, Four, FourRotated, Sixteen, Two};
+        /// The column that has all rays of what the selective ones have some of.
+        const FULL: usize = 3;
         let one = PictureSettings {
             refine: true,
             ..by(&self.picture(Mode::Iso), Technique::Default)
@@ -237,7 +258,7 @@ impl Plan<'_> {
                 pattern: FourRotated,
                 threshold,
             };
-            Column::new(format!("4r× from {threshold} on"), with(selective)).against(0, &[])
+            Column::new(format!("4r× from {threshold} on"), with(selective)).against(FULL, &[])
         }));
         let exact = columns.len();
         for column in &mut columns {
@@ -247,7 +268,8 @@ impl Plan<'_> {
         self.comparison("iso, rays of a pixel", columns)
     }
 
-    /// T3: layers against the plain caster for each filter, then by size and by rate.
+    /// T3: layers against the plain caster for each filter, then by size and by rate. The default caster beside them has the
+    /// same skipping without passes.
     fn layers(&self) -> Vec<Comparison> {
         let interval = PictureSettings {
             classification: crate::scene::Classification {
@@ -272,6 +294,7 @@ impl Plan<'_> {
                     Column::new("basic", picture.clone()),
                     Column::new("layers", by(&picture, Technique::Layers))
                         .against(0, theirs::T3_ENHANCED),
+                    Column::new("default", by(&picture, Technique::Default)).against(0, &[]),
                 ];
                 self.comparison(name, columns)
             })
@@ -316,7 +339,7 @@ impl Plan<'_> {
     /// T4: early termination and skipping.
     fn streams(&self) -> Vec<Comparison> {
         let plain = |mode| PictureSettings {
-            opacity_cutoff: 1.0,
+            opacity_cutoff: NO_CUTOFF,
             ..self.picture(mode)
         };
         let dvr = self.picture(Mode::Dvr);
@@ -342,7 +365,7 @@ impl Plan<'_> {
         ]
     }
 
-    /// T5: slabs, by work per sample and size.
+    /// T5: slabs, by work per sample and size, then by the shape of the slabs.
     fn slabs(&self) -> Vec<Comparison> {
         let levels = [
             ("RC", self.picture(Mode::Mip), [theirs::T5_UNLIT; 3]),
@@ -365,6 +388,23 @@ impl Plan<'_> {
                 ];
                 comparisons.push(self.comparison(format!("{name} {edge}²"), columns));
             }
+        }
+        for (name, gradient) in [
+            ("PH", GradientFilter::Central),
+            ("GF", GradientFilter::Filtered),
+        ] {
+            let picture = by(&self.lit(gradient), Technique::Slab);
+            let mut columns = vec![Column::new("default slab", picture.clone())];
+            columns.extend(SHAPES.map(|[width, height, depth]| {
+                let shape = SlabShape {
+                    width,
+                    height,
+                    depth,
+                };
+                let column = Column::new(shape.to_string(), picture.clone()).in_slabs(shape);
+                column.against(0, &[])
+            }));
+            comparisons.push(self.comparison(format!("{name}, by shape"), columns));
         }
         comparisons
     }

@@ -32,8 +32,19 @@ fn section(table: SeedTable, rows: &[&SeedRow]) -> String {
     ];
     lines.extend(reported(rows));
     lines.extend(active(rows));
-    if table == SeedTable::T4 {
-        lines.extend(contributing(rows));
+    match table {
+        SeedTable::T2 => lines.push(format!(
+            "samples of a pixel without and with leaping, theirs: {:.0} and {:.0}",
+            theirs::T2_STEPS[0],
+            theirs::T2_STEPS[1]
+        )),
+        SeedTable::T3 => lines.push(
+            "theirs are one-pass layers ÷ layers of equal size; basic here is no layers: each ray in one pass through the \
+             bounding box"
+                .into(),
+        ),
+        SeedTable::T4 => lines.extend(contributing(rows)),
+        SeedTable::T1 | SeedTable::T5 => {}
     }
     if rows.iter().any(|r| r.error_rms.is_some()) {
         lines.push(errors(rows));
@@ -209,6 +220,7 @@ mod tests {
             technique: "default".into(),
             size: "8x8".into(),
             step: 1.0,
+            level: Some(0),
             iso: Vec::new(),
             frames: 1,
             repeats: 3,

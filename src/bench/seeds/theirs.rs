@@ -53,7 +53,10 @@ pub const T1_BRICKS_ACTIVE: f64 = 0.305;
 /// T1.8: the share of its bounding blocks.
 pub const T1_BLOCKS_ACTIVE: f64 = 0.072;
 
-/// T2.4: leaping, surfaces. The steps of a pixel fell from 177 to 25.
+/// T2.4: steps of a pixel without and with leaping.
+pub(super) const T2_STEPS: [f64; 2] = [177.0, 25.0];
+
+/// T2.4: leaping, surfaces.
 pub(super) const T2_LEAP_ISO: &[Reported] = &[
     fps("Engine h0.5", 13.2, 24.2),
     fps("Head", 7.7, 17.1),
@@ -124,9 +127,18 @@ pub(super) const T5_UNLIT: &[Reported] = &[ratio("at worst", 0.33), ratio("at be
 
 /// T5.4: the same, shaded, for pictures of 512², 768² and 1024² pixels.
 pub(super) const T5_LIT: [&[Reported]; 3] = [
-    &[ratio("512²×294", 1.78), ratio("engine", 0.99)],
-    &[ratio("512²×294", 1.26), ratio("engine", 0.97)],
-    &[ratio("512²×294", 1.13), ratio("engine", 0.87)],
+    &[
+        ratio("512²×294 in 512²", 1.78),
+        ratio("engine in 512²", 0.99),
+    ],
+    &[
+        ratio("512²×294 in 768²", 1.26),
+        ratio("engine in 768²", 0.97),
+    ],
+    &[
+        ratio("512²×294 in 1024²", 1.13),
+        ratio("engine in 1024²", 0.87),
+    ],
 ];
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ impl GpuDevice {
                     camera,
                     ..settings.clone()
                 };
-                PicturePlan::new(&self.store, &settings)
+                PicturePlan::new(&self.store, &self.tables, &settings)
             })
             .collect::<Result<_, _>>()?;
         let levels: BTreeSet<Lod> = plans

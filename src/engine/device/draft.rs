@@ -47,7 +47,7 @@ impl GpuDevice {
             anti_aliasing: AntiAliasing::Off,
             ..settings.clone()
         });
-        let plan = PicturePlan::new(&self.store, &settings)?;
+        let plan = PicturePlan::new(&self.store, &self.tables, &settings)?;
         self.with_what_memory_there_is(|device| device.draw_moving_within(&plan))
     }
 

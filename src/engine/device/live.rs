@@ -318,7 +318,7 @@ impl GpuDevice {
     /// Works out tables and mesh on a thread of their own.
     fn begin_job(&self, settings: &PictureSettings) -> Job {
         let (sender, job) = channel();
-        let store = Arc::clone(&self.store);
+        let (store, tables) = (Arc::clone(&self.store), self.tables.clone());
         let settings = self.leaping_if_allowed(settings.clone());
         let (known, seen) = match &self.volume {
             Some(volume) => {
@@ -330,9 +330,9 @@ impl GpuDevice {
         let mesh_bytes = mesh_bytes(self.budget_bytes);
         std::thread::spawn(move || {
             let work = || {
-                let plan = PicturePlan::new(&store, &settings)?;
+                let plan = PicturePlan::new(&store, &tables, &settings)?;
                 let mut plans = Vec::new();
-                plans.extend(plan.first_whole(&store)?);
+                plans.extend(plan.first_whole(&store, &tables)?);
                 plans.push(plan);
                 ReadyPictures::new(&store, plans, (&known, &seen), mesh_bytes)
             };

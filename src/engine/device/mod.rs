@@ -14,6 +14,7 @@ mod waits;
 use std::sync::Arc;
 
 use super::{EngineError, EngineOptions, Picture};
+use crate::classify::SegmentTables;
 use crate::geom::{BrickGrid, Lod};
 use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
@@ -47,6 +48,7 @@ pub(super) struct GpuDevice {
     gpu: GpuContext,
     renderer: Renderer,
     store: Arc<Store>,
+    tables: SegmentTables,
     options: EngineOptions,
     grids: Vec<BrickGrid>,
     volume: Option<PagedVolume>,
@@ -84,6 +86,7 @@ impl GpuDevice {
             gpu,
             renderer,
             store: Arc::clone(store),
+            tables: SegmentTables::default(),
             options: options.clone(),
             grids,
             volume: None,
@@ -115,6 +118,14 @@ impl GpuDevice {
         self.forget();
     }
 
+    /// Another shape of the slabs.
+    pub(super) fn set_slab(&mut self, shape: SlabShape) {
+        self.options.slab = shape;
+        if let Some(live) = &mut self.live {
+            live.restart();
+        }
+    }
+
     /// Drops everything that is resident on the device and decoded in host memory.
     pub(super) fn forget(&mut self) {
         self.drop_volume();
@@ -137,7 +148,7 @@ impl GpuDevice {
             leap: false,
             ..settings.clone()
         };
-        let plan = PicturePlan::new(&self.store, &settings)?;
+        let plan = PicturePlan::new(&self.store, &self.tables, &settings)?;
         self.with_what_memory_there_is(|device| device.render_within(&plan))
     }
 

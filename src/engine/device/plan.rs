@@ -1,7 +1,7 @@
 //! A picture's settings made ready: sample grid, tables, what can be seen of the bricks, bounding mesh. Pure, so that a
 //! thread beside the renderer can do it.
 
-use crate::classify::Visibility;
+use crate::classify::{SegmentTables, Visibility};
 use crate::proxy::Mesh;
 use crate::render::FrameInputs;
 use crate::scene::{Classified, PictureSettings, RayFrame, SlabShape, Technique};
@@ -25,8 +25,12 @@ pub(super) struct PicturePlan {
 }
 
 impl PicturePlan {
-    pub(super) fn new(store: &Store, settings: &PictureSettings) -> Result<Self, EngineError> {
-        let (rays, classified) = prepare(store, settings)?;
+    pub(super) fn new(
+        store: &Store,
+        tables: &SegmentTables,
+        settings: &PictureSettings,
+    ) -> Result<Self, EngineError> {
+        let (rays, classified) = prepare(store, tables, settings)?;
         let skip = settings.technique != Technique::Basic;
         let iso = classified.surfaces.first().map(|s| s.value);
         let levels = rays
@@ -56,11 +60,15 @@ impl PicturePlan {
     }
 
     /// The same picture from coarser levels, soon there; `None` where it would be from the same ones.
-    pub(super) fn first_whole(&self, store: &Store) -> Result<Option<Self>, EngineError> {
+    pub(super) fn first_whole(
+        &self,
+        store: &Store,
+        tables: &SegmentTables,
+    ) -> Result<Option<Self>, EngineError> {
         let Some(settings) = self.settings.first_whole() else {
             return Ok(None);
         };
-        let coarse = Self::new(store, &settings)?;
+        let coarse = Self::new(store, tables, &settings)?;
         Ok((coarse.rays.used() != self.rays.used()).then_some(coarse))
     }
 

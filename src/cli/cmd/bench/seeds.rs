@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 
 use super::note_fallback;
 use super::output::{OutputArgs, note};
@@ -13,7 +13,7 @@ use crate::cli::args;
 use crate::cli::config::{MachineArgs, TransferArgs};
 use crate::engine::Engine;
 use crate::geom::Lod;
-use crate::scene::{LodChoice, Mode, default_window};
+use crate::scene::{LodChoice, Mode, SceneError, default_window};
 use crate::store::{Store, StoreMeta};
 
 /// The comparisons that the five systems of techniques.md made, theirs beside ours
@@ -43,7 +43,7 @@ pub struct Args {
     #[arg(long, value_name = "PIXELS", default_value_t = 512, value_parser = clap::value_parser!(u32).range(2..=8192))]
     size: u32,
     /// Timed frames, spread over a full turn
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=180))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=360))]
     frames: u32,
     /// How often the turn is repeated
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
@@ -128,25 +128,41 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         [] => SeedTable::ALL.to_vec(),
         some => some.iter().map(|t| t.table()).collect(),
     };
-    let mut rows: Vec<SeedRow> = Vec::new();
-    let mut heads = Vec::new();
-    for (path, vol) in args.stores.iter().zip(vols) {
+    // What can be refused is refused before anything is measured.
+    let mut stores = Vec::new();
+    let mut jobs = Vec::new();
+    for (path, vol) in args.stores.iter().zip(&vols) {
+        if vols.iter().filter(|v| *v == vol).count() > 1 {
+            bail!("two of the stores are called {vol}; rename one: rows tell volumes by that name");
+        }
         let store = Arc::new(Store::open(path)?);
         store.check_all_levels()?;
-        let mut engine = Engine::with_store(store, args.machine.engine_options())?;
-        note_fallback(&engine);
+        if let LodChoice::Fixed(Lod(level)) = args.lod
+            && usize::from(level) >= store.levels()
+        {
+            let last = store.levels() - 1;
+            let error = SceneError::NoSuchLevel { asked: level, last };
+            return Err(error).with_context(|| path.display().to_string());
+        }
         let mut notes = Vec::new();
-        let pictures = args.pictures(&vol, engine.meta(), &mut notes)?;
+        let pictures = args.pictures(vol, store.meta(), &mut notes)?;
         for text in &notes {
             note(text);
         }
-        let job = SeedJob {
-            vol,
+        stores.push(store);
+        jobs.push(SeedJob {
+            vol: vol.clone(),
             tables: tables.clone(),
             pictures,
             frames: args.frames,
             repeats: args.repeats,
-        };
+        });
+    }
+    let mut rows: Vec<SeedRow> = Vec::new();
+    let mut heads = Vec::new();
+    for (store, job) in stores.into_iter().zip(jobs) {
+        let mut engine = Engine::with_store(store, args.machine.engine_options())?;
+        note_fallback(&engine);
         heads.push(args.head(&job, &engine));
         rows.extend(job.measure(&mut engine)?);
     }
