@@ -28,8 +28,8 @@ fn gradient_central(brick: Brick, offset: vec3f, wanted: bool) -> vec3f {
 }
 
 // Those at the point, and half a voxel away along each axis, both ways. A point beyond the brick's faces is read from the
-// brick that it lies in: with its own border that one has all six values. Where that brick is missing, the ray stops; in a
-// draft the point moves to the face.
+// brick that it lies in: with its own border that one has all six values. Where that brick is missing, it is asked for
+// and the ray stops; in a draft the point moves to the face.
 fn gradient_filtered(caster: ptr<function, Cast>, source: Source, offset: vec3f, wanted: bool) -> vec3f {
     var sum = gradient_central(source.brick, offset, wanted);
     var k = 0u;
@@ -45,10 +45,11 @@ fn gradient_filtered(caster: ptr<function, Cast>, source: Source, offset: vec3f,
             if neighbour.tag != TAG_ABSENT {
                 brick = neighbour;
                 feedback_touch(neighbour);
-            } else if DRAFT {
-                point = clamp(point, brick.origin, brick.origin + f32(BRICK_EDGE));
             } else {
                 cast_miss(caster, neighbour);
+                if DRAFT {
+                    point = clamp(point, brick.origin, brick.origin + f32(BRICK_EDGE));
+                }
             }
         }
         sum += gradient_central(brick, point, wanted);
@@ -69,8 +70,5 @@ fn gradient_at(caster: ptr<function, Cast>, source: Source, index: f32, wanted: 
     } else {
         differences = gradient_central(source.brick, offset, wanted);
     }
-    let level = source.brick.level;
-    return frame.levels[level].normal_from_gradient[0].xyz * differences.x
-        + frame.levels[level].normal_from_gradient[1].xyz * differences.y
-        + frame.levels[level].normal_from_gradient[2].xyz * differences.z;
+    return ray_world_gradient(differences, source.brick.level);
 }

@@ -126,3 +126,10 @@ fn ray_offset(ray: Ray, index: f32) -> vec3f {
 fn ray_index(ray: Ray, distance_mm: f32) -> f32 {
     return (distance_mm - ray.first_mm) / ray.step_mm;
 }
+
+// A gradient in voxels of `level` in world units.
+fn ray_world_gradient(gradient: vec3f, level: u32) -> vec3f {
+    return frame.levels[level].normal_from_gradient[0].xyz * gradient.x
+        + frame.levels[level].normal_from_gradient[1].xyz * gradient.y
+        + frame.levels[level].normal_from_gradient[2].xyz * gradient.z;
+}

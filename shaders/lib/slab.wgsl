@@ -96,8 +96,5 @@ fn gradient_at(caster: ptr<function, Cast>, source: Source, index: f32, wanted: 
     if SLAB_FRONT > SLAB_RIM {
         gradient += (slab_gradient((*caster).ray, i32(high) - 1) - gradient) * (high - index);
     }
-    let level = (*caster).ray.grid.level;
-    return frame.levels[level].normal_from_gradient[0].xyz * gradient.x
-        + frame.levels[level].normal_from_gradient[1].xyz * gradient.y
-        + frame.levels[level].normal_from_gradient[2].xyz * gradient.z;
+    return ray_world_gradient(gradient, (*caster).ray.grid.level);
 }

@@ -113,7 +113,7 @@ fn cast_slabs(
     var caster = cast_begin(group, local, &state, &walk);
     var mode = mode_begin(caster, state, picture[caster.at]);
     walk.greatest = mode_bound(mode);
-    let index = local.y * GROUP_WIDTH + local.x;
+    let index = cast_index(local);
     let place = cast_place(local);
     let pixel = vec2i(caster.pixel) - vec2i(place);
     slab_place = (place.y + SLAB_RIM) * SLAB_WIDE + place.x + SLAB_RIM;
@@ -134,6 +134,8 @@ fn cast_slabs(
             more = cast_next_run(&caster, &walk);
             done = false;
             i = select(i, walk.first, more);
+            // Before anything can break off: what is stored must know that the level is another one.
+            mode_next_run(&mode, caster);
         }
         if MANY_LEVELS {
             if more {
@@ -179,7 +181,6 @@ fn cast_slabs(
             break;
         }
         slab_begin(caster, order.first);
-        mode_next_run(&mode, caster);
         if takes_part {
             var source: Source;
             loop {

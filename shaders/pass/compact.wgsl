@@ -94,7 +94,7 @@ fn compact_end(@builtin(local_invocation_id) local: vec3u) {
         compact_store(count + index, COMPACT_NONE);
     }
     // All have read the count before it is set back.
-    workgroupBarrier();
+    storageBarrier();
     if index == 0u {
         live_groups = array<u32, 3>(groups, 1u, 1u);
         atomicStore(&feedback[FEEDBACK_LIVE], 0u);

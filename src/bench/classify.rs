@@ -253,6 +253,8 @@ impl Pictures {
                 },
                 ..settings.shading
             },
+            // The first whole picture is of the same step.
+            moving_step: settings.step,
             ..settings.clone()
         };
         if settings.classification.iso.is_empty() {

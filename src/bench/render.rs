@@ -262,7 +262,10 @@ impl RenderJob {
 
     /// The first whole picture by ticks.
     fn first_whole(&self, engine: &mut Engine, turn: &Turn) -> Result<Whole, BenchError> {
-        engine.set_picture(turn.frame(0));
+        let mut settings = turn.frame(0);
+        // At its own step, so that it may be held against pictures of that step.
+        settings.moving_step = settings.step;
+        engine.set_picture(settings);
         // What comes first is whole; what comes at once is exact at once.
         next_event(engine, &self.vol, &TickBudget::default())?;
         Ok(Whole {

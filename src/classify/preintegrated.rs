@@ -223,7 +223,8 @@ impl SegmentTables {
         let mut tables: Vec<(f64, Arc<PreintegratedTable>)> = Vec::with_capacity(steps_mm.len());
         for &step_mm in steps_mm {
             let there = tables.iter().chain(&known).find(|t| t.0 == step_mm);
-            let table = there.map_or_else(|| Arc::new(integrals.table(step_mm)), |t| Arc::clone(&t.1));
+            let table =
+                there.map_or_else(|| Arc::new(integrals.table(step_mm)), |t| Arc::clone(&t.1));
             tables.push((step_mm, table));
         }
         let own = tables.iter().map(|t| Arc::clone(&t.1)).collect();
@@ -354,7 +355,10 @@ mod tests {
         let ramp = |top| grey_ramp(0.0, 255.0, top).unwrap();
         let (tables, domain) = (SegmentTables::default(), [0.0, 255.0]);
         let of = |tf: &TransferFunction, unit, steps: &[f64]| {
-            tables.clone().of(tf, (1.0, 0.0), domain, 256, unit, steps).1
+            tables
+                .clone()
+                .of(tf, (1.0, 0.0), domain, 256, unit, steps)
+                .1
         };
         let first = of(&ramp(0.5), 1.0, &[0.5, 1.0]);
         let again = of(&ramp(0.5), 1.0, &[1.0, 2.0]);

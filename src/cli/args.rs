@@ -152,8 +152,8 @@ pub fn iso_surfaces(s: &str) -> Result<IsoSurfaces, String> {
         })
         .ok_or_else(|| {
             format!(
-                "'{s}': expected VALUE or LOW..HIGH, then if wanted :COLOR and :OPACITY; values are finite numbers in \
-                 physical units"
+                "'{s}': expected VALUE or LOW..HIGH (LOW below HIGH), then if wanted :COLOR and :OPACITY; values are finite \
+                 numbers in physical units"
             )
         })?;
     let color = parts.next().map_or(Ok(IsoSurface::DEFAULT_COLOR), color)?;

@@ -174,8 +174,12 @@ impl TransferArgs {
             })?,
             None => default_window(meta),
         };
+        // Mode xray knows but the place in a window: the one that was typed, or else the function's.
+        if mode == Mode::Xray && self.window.is_some() {
+            return Ok(grey_ramp(range[0], range[1], 1.0)?);
+        }
         // cli.md, "Colour": a ramp is half opaque at its end, except where the look-up is a projection's only one.
-        let top_opacity = if mode.projects() || mode == Mode::Xray {
+        let top_opacity = if mode.classifies_whole_range() {
             1.0
         } else {
             0.5
@@ -403,18 +407,6 @@ impl PictureArgs {
     ) -> anyhow::Result<PictureSettings> {
         let mode = self.mode.mode();
         let iso: Vec<IsoSurface> = self.iso.iter().flat_map(|i| i.0.clone()).collect();
-        if mode == Mode::Iso && iso.is_empty() {
-            bail!(
-                "mode iso needs a value; give one with --iso VALUE, in physical units (such as 300 for HU)"
-            );
-        }
-        if iso.len() > IsoSurface::MOST {
-            bail!(
-                "{} iso-values (an interval has two); at most {} fit one picture",
-                iso.len(),
-                IsoSurface::MOST
-            );
-        }
         if self.technique == TechniqueArg::Slab && self.jitter == JitterArg::Interleaved {
             bail!(
                 "--technique slab takes gradients from neighbouring rays, whose samples must lie at the same distances; \
@@ -427,6 +419,15 @@ impl PictureArgs {
             QualityArg::Fine => Quality::Fine,
         };
         let [step, moving_step] = quality.steps(mode);
+        if self.tf_mode == TfModeArg::Preintegrated && mode != Mode::Dvr {
+            notes.push(format!(
+                "--tf-mode preintegrated is of mode dvr; mode {} is drawn without",
+                mode.name()
+            ));
+        }
+        if self.aa == Some(AaArg::Off) && self.samples.is_some_and(|s| s != SamplePattern::One) {
+            notes.push("--aa off: one ray of a pixel, whatever --samples says".into());
+        }
         Ok(PictureSettings {
             size: self.size,
             background: self.background,
@@ -448,7 +449,7 @@ impl PictureArgs {
                 JitterArg::Interleaved => Jitter::Interleaved,
             },
             leap: self.leap == Switch::On,
-            anti_aliasing: self.anti_aliasing(),
+            anti_aliasing: self.anti_aliasing()?,
             interpolation: match self.interpolation {
                 InterpolationArg::Linear => Interpolation::Linear,
                 InterpolationArg::Nearest => Interpolation::Nearest,
@@ -494,17 +495,20 @@ impl PictureArgs {
     }
 
     /// `--samples` alone means all pixels, `--aa` alone the rotated grid.
-    fn anti_aliasing(&self) -> AntiAliasing {
+    fn anti_aliasing(&self) -> anyhow::Result<AntiAliasing> {
         let pattern = self.samples.unwrap_or(match self.aa {
             None => SamplePattern::One,
             Some(_) => SamplePattern::FourRotated,
         });
-        match self.aa {
+        Ok(match self.aa {
             Some(AaArg::Off) => AntiAliasing::Off,
+            Some(AaArg::Selective(_)) if pattern == SamplePattern::One => bail!(
+                "--aa selective casts several rays through some pixels, and --samples 1 allows one; give 2, 4, 4r or 8"
+            ),
             _ if pattern == SamplePattern::One => AntiAliasing::Off,
             Some(AaArg::Selective(threshold)) => AntiAliasing::Selective { pattern, threshold },
             Some(AaArg::Full) | None => AntiAliasing::Full(pattern),
-        }
+        })
     }
 
     fn camera(&self, meta: &StoreMeta) -> anyhow::Result<Camera> {

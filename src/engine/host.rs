@@ -116,7 +116,9 @@ impl HostDevice {
                 let stats = stats_of(&picture, before, renderer.traffic());
                 (picture.into_image(), stats)
             }
-            Renderer::Reference => draw_reference(&self.store, &self.tables, self.ram_bytes, settings)?,
+            Renderer::Reference => {
+                draw_reference(&self.store, &self.tables, self.ram_bytes, settings)?
+            }
         };
         Ok(Picture {
             image,
@@ -201,7 +203,9 @@ impl HostDevice {
         };
         let pending = match &mut live.pending {
             Some(pending) => pending,
-            None => live.pending.insert(plan(&self.store, &self.tables, &live.settings)?),
+            None => live
+                .pending
+                .insert(plan(&self.store, &self.tables, &live.settings)?),
         };
         let Some(picture) = pending.last_mut() else {
             return Ok(None);

@@ -7,8 +7,8 @@ use glam::{DAffine3, DMat4, DVec3, DVec4, Vec3};
 use crate::camera::Projection;
 use crate::classify::{LUT_ENTRIES, PreintegratedTable};
 use crate::geom::BLOCK_EDGE;
-use crate::gpu::GpuContext;
 use crate::gpu::layout::{FrameUniforms, LevelUniforms, MAX_LEVELS, MAX_SURFACES, MAX_SURFACES_4};
+use crate::gpu::{GpuContext, GpuError};
 use crate::scene::{Classified, LevelFrame, Mode, PictureSettings, RayFrame, SlabShape};
 
 use super::bindings;
@@ -124,11 +124,21 @@ impl FrameBindings {
         side * side * layers * 16
     }
 
-    pub(super) fn write_tables(&mut self, gpu: &GpuContext, classified: &Classified) {
+    /// Sends the tables.
+    ///
+    /// # Errors
+    /// The device has not the memory.
+    pub(super) fn write_tables(
+        &mut self,
+        gpu: &GpuContext,
+        classified: &Classified,
+    ) -> Result<(), GpuError> {
         let [side, layers] = integrals_shape(classified);
         let size = self.preintegrated.size();
         if [size.width, size.depth_or_array_layers] != [side, layers] {
-            self.preintegrated = integrals_texture(gpu, [side, layers]);
+            self.preintegrated = gpu.checked("allocating the tables of integrals", || {
+                Ok(integrals_texture(gpu, [side, layers]))
+            })?;
             self.group = group(
                 gpu,
                 &self.layout,
@@ -195,6 +205,7 @@ impl FrameBindings {
                 },
             );
         }
+        Ok(())
     }
 
     pub(super) fn write(

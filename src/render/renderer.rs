@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 use std::ops::Range;
 
-use glam::{UVec3, Vec4};
+use glam::Vec4;
 
 use super::feedback::{Feedback, PendingFeedback};
 use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
@@ -16,22 +16,14 @@ use super::passes::{
 use super::residency::Residency;
 use super::several::{Flow, SeveralPasses, SeveralTargets};
 use super::spread::spread;
-use crate::geom::morton;
+use super::tiling::PixelList;
 use crate::gpu::layout::{
     FEEDBACK_COMPACTED, FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_PIXELS,
     FEEDBACK_QUIET, FEEDBACK_SKIP, MAX_GROUPS, PixelCounts, RayState, SKIP_BLOCKS, SKIP_OUTSIDE,
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
-use crate::scene::{
-    AntiAliasing, Classified, Image, LayerStats, RayCounts, SlabShape, Technique, add_ray,
-};
-
-/// Greatest width and height of a tile, pixels: 2²⁰ rays.
-pub const TILE_EDGE: u32 = 1024;
-
-/// Bytes per pixel of a tile: what the caster has, and three depths.
-const BYTES_PER_PIXEL: u64 = RaycastTargets::BYTES_PER_PIXEL + 3 * 4;
+use crate::scene::{AntiAliasing, Classified, Image, LayerStats, RayCounts, Technique, add_ray};
 
 /// Passes whose times wait to be read.
 const TIMED_PASSES: u32 = 256;
@@ -48,10 +40,6 @@ pub struct Cast<'a> {
     /// Samples after which a ray goes on in the next dispatch; drafts have no limit.
     pub sample_limit: u32,
 }
-
-/// The pixels of a tile that are cast, each row << 16 | column within the tile, in an order in which neighbours are near.
-/// `None`: all.
-pub type PixelList<'a> = Option<&'a [u32]>;
 
 /// The passes and the buffers that outlive a picture.
 #[derive(Debug)]
@@ -116,28 +104,6 @@ impl Renderer {
         })
     }
 
-    /// The tiles that pictures of `size` are cut into when per-pixel buffers may take `budget_bytes`.
-    pub fn tile_size(size: [u32; 2], technique: Technique, budget_bytes: u64) -> [u32; 2] {
-        let bytes_per_pixel = BYTES_PER_PIXEL + Flow::bytes_per_pixel(technique);
-        let mut tile = size.map(|s| s.min(TILE_EDGE));
-        while u64::from(tile[0]) * u64::from(tile[1]) * bytes_per_pixel > budget_bytes
-            && tile != [64, 64]
-        {
-            let longer = usize::from(tile[1] > tile[0]);
-            tile[longer] = (tile[longer] / 2).max(64);
-            if tile.iter().all(|&t| t <= 64) {
-                break;
-            }
-        }
-        tile
-    }
-
-    /// Bytes of the per-pixel buffers of a tile.
-    pub fn tile_bytes(tile: [u32; 2], technique: Technique) -> u64 {
-        let bytes_per_pixel = BYTES_PER_PIXEL + Flow::bytes_per_pixel(technique);
-        u64::from(tile[0] + 2) * u64::from(tile[1] + 2) * bytes_per_pixel
-    }
-
     /// Bytes of tables and uniforms for volumes of `levels` levels.
     pub fn frame_bytes(levels: usize) -> u64 {
         FrameBindings::bytes_for(levels)
@@ -169,50 +135,6 @@ impl Renderer {
                     + leap.map_or(0, |(l, _)| LeapTargets::bytes(l.size(), t.size))
             })
             + self.mesh.as_ref().map_or(0, MeshBuffers::bytes)
-    }
-
-    /// The tiles of a picture, row by row.
-    pub fn tiles(picture: [u32; 2], tile: [u32; 2]) -> Vec<Tile> {
-        let mut tiles = Vec::new();
-        for y in (0..picture[1]).step_by(tile[1] as usize) {
-            for x in (0..picture[0]).step_by(tile[0] as usize) {
-                tiles.push(Tile {
-                    origin: [x, y],
-                    size: tile,
-                    part_size: [tile[0].min(picture[0] - x), tile[1].min(picture[1] - y)],
-                });
-            }
-        }
-        tiles
-    }
-
-    /// Sorts work-groups of a tile, or of its list, so that neighbours in the picture follow each other.
-    pub fn sort_by_place(
-        tile: &Tile,
-        slab: Option<SlabShape>,
-        is_listed: bool,
-        groups: &mut [u32],
-    ) {
-        if is_listed {
-            // As the list is.
-            groups.sort_unstable();
-        } else {
-            let wide = RaycastPass::group_count(tile.size, slab).x;
-            groups.sort_unstable_by_key(|&g| morton(UVec3::new(g % wide, g / wide, 0)));
-        }
-    }
-
-    /// The work-groups of a tile, in the order of the picture, where rays advance in these slabs or by themselves; or those
-    /// of its list.
-    pub fn groups(tile: &Tile, slab: Option<SlabShape>, pixels: PixelList<'_>) -> Vec<u32> {
-        if let Some(list) = pixels {
-            return (0..RaycastPass::list_groups(list.len() as u32)).collect();
-        }
-        let wide = RaycastPass::group_count(tile.size, slab).x;
-        let part = RaycastPass::group_count(tile.part_size, slab);
-        (0..part.y)
-            .flat_map(|y| (0..part.x).map(move |x| y * wide + x))
-            .collect()
     }
 
     /// Sends the tables and builds the pipelines for a picture in tiles of `tile` pixels.
@@ -277,8 +199,7 @@ impl Renderer {
         if draft && inputs.settings.leaps() {
             self.prepare_leap(gpu, inputs.rays.size)?;
         }
-        self.frame.write_tables(gpu, inputs.classified);
-        Ok(())
+        self.frame.write_tables(gpu, inputs.classified)
     }
 
     /// What drafts of `size` that leap need: pass, points, starts.
@@ -335,6 +256,11 @@ impl Renderer {
         if let Some((leap, _)) = self.targets.as_mut().and_then(|t| t.leap.as_mut()) {
             leap.end(inputs, bricks);
         }
+    }
+
+    /// Drops the picture's buffers, which are bound to a volume's: there is none any more.
+    pub fn drop_targets(&mut self) {
+        self.targets = None;
     }
 
     /// Sends the bounding mesh that the next tiles are bounded by.
@@ -404,7 +330,7 @@ impl Renderer {
         tile: &Tile,
         cast: &Cast<'_>,
     ) -> Result<PendingFeedback, GpuError> {
-        self.read_times(gpu, 1)?;
+        self.read_times(gpu, 2)?;
         let targets = self
             .targets
             .as_ref()
@@ -431,9 +357,15 @@ impl Renderer {
         let limit = self.several.pass_samples(flow, cast.sample_limit);
         write_orders(gpu, inputs, volume, cast, (flow, limit), &groups);
         let cells = (tile, cast.sample_limit);
-        let plan = self
-            .several
-            .plan(gpu, inputs, &self.frame, several, cells, &mut groups)?;
+        let plan = self.several.plan(
+            gpu,
+            inputs,
+            &self.frame,
+            several,
+            cells,
+            &mut groups,
+            &mut self.timer,
+        )?;
         if flow == Flow::Layers {
             // In the order of their layers.
             write_orders(gpu, inputs, volume, cast, (flow, limit), &groups);
@@ -639,27 +571,4 @@ fn write_orders(
 fn encoder(gpu: &GpuContext, label: &str) -> wgpu::CommandEncoder {
     gpu.device
         .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tiles_cover_the_picture_once() {
-        let tiles = Renderer::tiles([130, 70], [64, 64]);
-        let pixels: u32 = tiles.iter().map(|t| t.part_size[0] * t.part_size[1]).sum();
-        assert_eq!((tiles.len(), pixels), (6, 130 * 70));
-        assert_eq!(tiles[2].part_size, [2, 64], "the last of a row is cut");
-        assert_eq!(
-            Renderer::groups(&tiles[5], None, None),
-            [0],
-            "2 × 6 pixels are one work-group"
-        );
-        assert_eq!(
-            Renderer::groups(&tiles[3], None, None),
-            (0..8).collect::<Vec<u32>>(),
-            "64 × 6 pixels"
-        );
-    }
 }

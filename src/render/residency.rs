@@ -105,7 +105,7 @@ pub struct Residency {
     activity_words: Vec<u32>,
     activity_changed: Changed,
     occupancy: wgpu::Buffer,
-    /// Codes of the bricks' greatest values.
+    /// Codes of the bricks' greatest and least values.
     extremes: wgpu::Buffer,
     codes: ExtremeCodes,
     pub(super) feedback: wgpu::Buffer,
@@ -115,6 +115,9 @@ pub struct Residency {
     pub(super) layout: wgpu::BindGroupLayout,
     pub(super) group: wgpu::BindGroup,
 }
+
+/// Bytes of a brick's codes: for its greatest value, and for its least.
+const EXTREMES_BYTES: u64 = 2;
 
 /// Texels of the indirection texture: levels side by side along x.
 fn indirection_size(grids: &[BrickGrid]) -> UVec3 {
@@ -162,7 +165,7 @@ impl Residency {
         );
         u64::from(s.x) * u64::from(s.y) * u64::from(s.z) * 4
             + bricks.div_ceil(16) * 4
-            + bricks
+            + bricks * EXTREMES_BYTES
             + Self::CONSTANTS as u64 * 4
             + slots * 64
             + places.bytes()
@@ -263,7 +266,7 @@ impl Residency {
                 activity_words.len() as u64 * 4,
                 usage,
             );
-            let extremes = buffer(gpu, "residency.extremes", bricks * 2, usage);
+            let extremes = buffer(gpu, "residency.extremes", bricks * EXTREMES_BYTES, usage);
             let occupancy = buffer(gpu, "residency.occupancy", plan.slot_count() * 64, usage);
             let feedback = buffer(
                 gpu,

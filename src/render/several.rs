@@ -10,7 +10,7 @@ use super::passes::{
 };
 use super::quadtree::{layers_of_cells, nodes, passes};
 use crate::gpu::layout::CELL_EDGE;
-use crate::gpu::{GpuContext, GpuError};
+use crate::gpu::{GpuContext, GpuError, PassTimer};
 use crate::scene::{CellSamples, LayerStats, RayFrame, Technique};
 
 /// Samples of a ray in a pass: of technique multipass as published, of layers what a software adapter does well with.
@@ -174,7 +174,7 @@ impl SeveralPasses {
             Flow::Multipass => MULTIPASS_SAMPLES,
             Flow::Layers => LAYERS_SAMPLES,
         };
-        self.samples.map_or(own, NonZeroU32::get)
+        self.samples.map_or(own, NonZeroU32::get).min(most)
     }
 
     /// The passes of a submission in which a ray takes at most about `most` samples. `groups` are sorted as they need them.
@@ -190,6 +190,7 @@ impl SeveralPasses {
         targets: Option<&SeveralTargets>,
         (tile, most): (&Tile, u32),
         groups: &mut Vec<u32>,
+        timer: &mut PassTimer,
     ) -> Result<Passes, GpuError> {
         let Some(targets) = targets else {
             return Ok(Passes::Once);
@@ -214,6 +215,7 @@ impl SeveralPasses {
                     &targets.rays,
                     cells,
                     groups.len() as u32,
+                    timer,
                 )?;
                 let [wide, _] = LayersTargets::cells(tile.size);
                 let nodes = nodes(&counts, wide, samples);

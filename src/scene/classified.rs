@@ -9,8 +9,7 @@ use thiserror::Error;
 use super::{Extreme, IsoSurface, Mode, PictureSettings, RayFrame};
 use crate::camera::CameraError;
 use crate::classify::{
-    LUT_ENTRIES, Lut, OpacityCorrection, PreintegratedTable, SegmentTables, Visibility,
-    grey_ramp,
+    LUT_ENTRIES, Lut, OpacityCorrection, PreintegratedTable, SegmentTables, Visibility, grey_ramp,
 };
 use crate::store::StoreMeta;
 use crate::volume::StoredType;
@@ -122,7 +121,14 @@ impl Classified {
                 StoredType::U16 | StoredType::F32 => 1024,
             };
             let steps: Vec<f64> = frame.used().iter().map(|l| l.step_mm_exact).collect();
-            known.of(transfer, line, value_range.map(f64::from), side, unit_mm, &steps)
+            known.of(
+                transfer,
+                line,
+                value_range.map(f64::from),
+                side,
+                unit_mm,
+                &steps,
+            )
         });
         let level = |number: usize, step_mm: f64| {
             let correction = match mode {
@@ -141,7 +147,9 @@ impl Classified {
                     (Mode::Mean, _) => Visibility::All,
                     (Mode::Iso, _) => Visibility::iso(&values, value_range),
                 },
-                preintegrated: segments.as_ref().map(|(_, tables)| Arc::clone(&tables[number])),
+                preintegrated: segments
+                    .as_ref()
+                    .map(|(_, tables)| Arc::clone(&tables[number])),
                 lut,
             }
         };

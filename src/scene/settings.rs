@@ -60,6 +60,11 @@ impl Mode {
     pub const fn projects(self) -> bool {
         matches!(self, Self::Mip | Self::MinIp | Self::Mean)
     }
+
+    /// Does a default ramp reach opacity 1, not a half (cli.md, "Colour")?
+    pub const fn classifies_whole_range(self) -> bool {
+        self.projects() || matches!(self, Self::Xray)
+    }
 }
 
 /// A surface of one value.
@@ -389,7 +394,8 @@ impl PictureSettings {
     /// The default of `lod_error`: no voxel that is drawn is wider than a pixel, unless level 0 has none finer.
     pub const LOD_ERROR: f64 = 1.0;
 
-    /// A picture is whole for the first time when no voxel is wider than so many pixels, unless level 0 has none finer.
+    /// A picture is whole for the first time when no voxel is wider than so many pixels, unless level 0 has none finer
+    /// ([`Self::first_whole`]).
     pub const FIRST_WHOLE_PIXELS: f64 = 4.0;
 
     /// The same picture from coarser levels, with the step and the rays of a moving camera, soon there; `None` where all of
@@ -410,6 +416,15 @@ impl PictureSettings {
     /// Does a contribution belong to the segment between two samples, so that both of its ends are sampled at one level?
     pub fn is_by_segment(&self) -> bool {
         self.mode == Mode::Iso || self.is_preintegrated()
+    }
+
+    /// Do rays also read voxels of bricks in which nothing can be seen, beside those in which something can? What
+    /// technique slab reads is for its rays to tell ([`super::SlabRim`]).
+    pub fn reads_beyond_visible(&self) -> bool {
+        let is_lit = self.shading.model == ShadingModel::Phong || self.mode == Mode::Gradient;
+        let filters = is_lit && self.shading.gradient == GradientFilter::Filtered;
+        let surfaces = self.mode == Mode::Iso && self.classification.iso.len() > 1;
+        self.is_preintegrated() || surfaces || (filters && !self.mode.projects())
     }
 
     /// Is the table of integrals used?

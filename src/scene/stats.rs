@@ -11,8 +11,8 @@ pub struct RayCounts {
     pub samples: u64,
     /// Samples inside the volume that skipping saved; those behind a terminated ray don't count.
     pub skipped: u64,
-    /// Samples that changed the picture: with opacity (`dvr`), a new maximum of their ray above the
-    /// volume's minimum (`mip`), the hit (`iso`).
+    /// Samples that changed the picture: with opacity (`dvr`, `xray`, `gradient`; pre-integrated: that end a
+    /// segment with opacity), a new extreme of their ray (`mip`, `minip`), surfaces met (`iso`), every one (`mean`).
     pub contributing: u64,
 }
 

@@ -24,7 +24,8 @@ fn rows(run: &Run) -> Vec<Value> {
 fn check(row: &Value) {
     let technique = row["technique"].as_str().expect("a technique");
     let leaps = (row["configuration"].as_str()).is_some_and(|c| c.ends_with("leaping"));
-    let is_refused = row["device"] == "cpu" && (leaps || !["basic", "default"].contains(&technique));
+    let is_refused =
+        row["device"] == "cpu" && (leaps || !["basic", "default"].contains(&technique));
     assert_eq!(row["note"].is_string(), is_refused, "{row}");
     if is_refused {
         assert!(
@@ -101,7 +102,13 @@ fn every_row_of_every_table_is_there() {
     let counts = ["T1", "T2", "T3", "T4", "T5"].map(count);
     assert_eq!(
         counts,
-        [3 + 4 + 2, 2 * 4 + 10, 7 * 3 + 2 * 6, 4 + 3, 4 * 3 * 2 + 2 * 7]
+        [
+            3 + 4 + 2,
+            2 * 4 + 10,
+            7 * 3 + 2 * 6,
+            4 + 3,
+            4 * 3 * 2 + 2 * 7
+        ]
     );
     assert_eq!(counts.iter().sum::<usize>(), all.len());
     for row in &all {
@@ -230,7 +237,9 @@ fn what_makes_no_sense_is_refused() {
     }
     fs::create_dir(folder.file("t")).expect("a folder");
     folder.brick("phantom:sponge:32,32,32", "t/s.bsk");
-    let twice = folder.run(&["bench", "seeds", "s.bsk", "t/s.bsk"]).expect(2);
+    let twice = folder
+        .run(&["bench", "seeds", "s.bsk", "t/s.bsk"])
+        .expect(2);
     assert!(
         twice.stderr.contains("two of the stores are called s"),
         "{}",

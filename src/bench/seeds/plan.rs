@@ -131,7 +131,7 @@ impl Plan<'_> {
     /// A picture at step 1, its surfaces not refined, by technique basic.
     fn picture(&self, mode: Mode) -> PictureSettings {
         let pictures = self.pictures;
-        let transfer = if mode.projects() || mode == Mode::Xray {
+        let transfer = if mode.classifies_whole_range() {
             &pictures.projected
         } else {
             &pictures.composited

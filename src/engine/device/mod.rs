@@ -20,7 +20,7 @@ use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
 use crate::pager::AtlasShape;
 use crate::render::{AtlasPlan, Renderer, Residency};
-use crate::scene::{PictureSettings, PictureStats, SlabShape, Technique};
+use crate::scene::{PictureSettings, PictureStats, SlabRim, SlabShape, Technique};
 use crate::store::Store;
 
 use classification::{KnownRanges, SeenLevels};
@@ -271,7 +271,17 @@ impl GpuDevice {
             together = together.max(self.slab_bricks(plan, self.options.slab));
         }
         // Room for the pinned level, and for what one ray or slab needs at once.
-        let wanted = (ready.bricks.visible_with_voxels + coarsest).max(together as u64 + coarsest);
+        // Neighbours of visible bricks come, too, where rays read beyond these.
+        let reads_beyond = |plan: &PicturePlan| {
+            let settings = &plan.settings;
+            settings.reads_beyond_visible()
+                || (settings.technique == Technique::Slab && SlabRim::of(settings).sides > 0)
+        };
+        let visible = match ready.pictures.iter().any(|(plan, _)| reads_beyond(plan)) {
+            true => ready.bricks.visible_with_voxels * ROOM,
+            false => ready.bricks.visible_with_voxels,
+        };
+        let wanted = (visible + coarsest).max(together as u64 + coarsest);
         let pictures = ready.pictures.iter();
         let integrals = pictures.map(|(plan, _)| Renderer::integrals_bytes(&plan.classified));
         let others = self.other_bytes(tile, technique) + integrals.max().unwrap_or(0) + leap_bytes;
@@ -370,6 +380,7 @@ impl GpuDevice {
     fn drop_volume(&mut self) {
         self.past_traffic = self.traffic();
         self.volume = None;
+        self.renderer.drop_targets();
         self.moving = None;
     }
 

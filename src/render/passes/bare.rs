@@ -3,6 +3,7 @@
 
 use glam::{UVec2, UVec3};
 
+use super::pipeline::ComputeParts;
 use crate::gpu::layout::{FrameUniforms, MAX_LEVELS};
 use crate::gpu::shader::AtlasPart;
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers, shader};
@@ -160,7 +161,7 @@ impl BareCaster {
         };
         let module = source.compile(gpu)?;
         let frame = FrameBindings::new(gpu, MAX_LEVELS as usize);
-        gpu.checked("building the bare caster", || {
+        gpu.checked("allocating what the bare caster needs", || {
             let device = &gpu.device;
             let layout = |label, entries| {
                 device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -187,30 +188,20 @@ impl BareCaster {
                     },
                 ],
             });
-            let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some("bare.pipeline"),
-                bind_group_layouts: &[
-                    Some(&frame.layout),
-                    Some(&volume_layout),
-                    Some(&targets_layout),
-                ],
-                immediate_size: 0,
-            });
-            let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some("bare.pipeline"),
-                layout: Some(&pipeline_layout),
+            let pipeline = ComputeParts {
+                label: "bare.pipeline",
+                doing: "building the bare caster",
                 module: &module,
-                entry_point: Some("cast_bare"),
-                compilation_options: wgpu::PipelineCompilationOptions {
-                    constants: &[
-                        ("GROUP_WIDTH", f64::from(GROUP[0])),
-                        ("GROUP_HEIGHT", f64::from(GROUP[1])),
-                        ("LEVEL", level as f64),
-                    ],
-                    ..Default::default()
-                },
-                cache: None,
-            });
+                entry: "cast_bare",
+                layouts: &[&frame.layout, &volume_layout, &targets_layout],
+                constants: &[
+                    ("GROUP_WIDTH", f64::from(GROUP[0])),
+                    ("GROUP_HEIGHT", f64::from(GROUP[1])),
+                    ("LEVEL", level as f64),
+                ],
+                zero_workgroup_memory: true,
+            }
+            .build(gpu)?;
             Ok(Self {
                 volume: volume_group(gpu, &volume_layout, dense),
                 texture_from_level: padded(1.0 / dense.voxels.as_vec3()),
@@ -231,7 +222,7 @@ impl BareCaster {
     /// The device is lost.
     pub fn cast(&mut self, gpu: &GpuContext, inputs: &FrameInputs<'_>) -> Result<(), GpuError> {
         let [width, height] = self.picture_size;
-        self.frame.write_tables(gpu, inputs.classified);
+        self.frame.write_tables(gpu, inputs.classified)?;
         let row_samples = u64::from(width) * (u64::from(inputs.rays.last_index) + 1);
         let rows = (DISPATCH_SAMPLES / row_samples).clamp(u64::from(GROUP[1]), u64::from(height));
         // Whole work-groups.

@@ -8,7 +8,7 @@ use super::raycast::GROUP_CONSTANTS;
 use super::{BoundsTargets, ReportPass};
 use crate::camera::Projection;
 use crate::gpu::layout::CELL_EDGE;
-use crate::gpu::{GpuContext, GpuError, read_buffers, shader};
+use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers, shader};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, FrameInputs};
 use crate::scene::Jitter;
@@ -162,6 +162,7 @@ impl LayersPass {
         host_group: &wgpu::BindGroup,
         targets: &LayersTargets,
         groups: u32,
+        timer: &mut PassTimer,
     ) -> Result<Vec<u32>, GpuError> {
         let pipeline = self
             .pipelines
@@ -176,7 +177,7 @@ impl LayersPass {
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("layers.measure"),
-                timestamp_writes: None,
+                timestamp_writes: timer.compute("layers"),
             });
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &frame.group, &[]);

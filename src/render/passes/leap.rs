@@ -3,6 +3,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::pipeline::ComputeParts;
 use crate::camera::Projection;
 use crate::gpu::layout::LeapUniforms;
 use crate::gpu::{GpuContext, GpuError, PassTimer, shader};
@@ -161,29 +162,19 @@ impl LeapPass {
             label: Some("leap.sampler"),
             ..Default::default()
         });
-        let pipelines = gpu.checked("building the pass that finds starts", || {
-            let pipeline_layout =
-                gpu.device
-                    .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                        label: Some("leap.pipeline"),
-                        bind_group_layouts: &[Some(&frame.layout), Some(&layout)],
-                        immediate_size: 0,
-                    });
-            Ok([0.0, 1.0].map(|orthographic| {
-                gpu.device
-                    .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                        label: Some("leap.pipeline"),
-                        layout: Some(&pipeline_layout),
-                        module: &module,
-                        entry_point: Some("find_starts"),
-                        compilation_options: wgpu::PipelineCompilationOptions {
-                            constants: &[("ORTHOGRAPHIC", orthographic)],
-                            ..Default::default()
-                        },
-                        cache: None,
-                    })
-            }))
-        })?;
+        let pipeline = |orthographic: f64| {
+            ComputeParts {
+                label: "leap.pipeline",
+                doing: "building the pass that finds starts",
+                module: &module,
+                entry: "find_starts",
+                layouts: &[&frame.layout, &layout],
+                constants: &[("ORTHOGRAPHIC", orthographic)],
+                zero_workgroup_memory: true,
+            }
+            .build(gpu)
+        };
+        let pipelines = [pipeline(0.0)?, pipeline(1.0)?];
         Ok(Self {
             layout,
             sampler,

@@ -34,8 +34,8 @@ const LIST_WIDTH: u32 = 1024;
 /// What stands in a list where a work-group has no pixel: one that is in no tile.
 const NO_PIXEL: u32 = u32::MAX;
 
-/// What a pipeline is built for. Skipping is not here: with and without it must be equal to the bit, so it is a uniform
-/// (design.md §2).
+/// What a pipeline is built for. Skipping is not here: with and without it must be equal to the bit (design.md §2), so it is an
+/// order in the feedback buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Variant {
     mode: ModePart,
