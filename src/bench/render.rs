@@ -56,7 +56,7 @@ pub struct RenderRow {
     pub vol: String,
     /// `gpu` or `cpu`.
     pub device: String,
-    /// `dvr`, `iso`, `mip`.
+    /// The mode's name on the command line.
     pub mode: String,
     /// `WIDTHxHEIGHT`, pixels.
     pub size: String,
@@ -98,7 +98,7 @@ pub struct RenderRow {
     pub rss_whole_mib: Option<f64>,
     /// Samples per second of a bare kernel that interpolates as this configuration does and composites at the same
     /// positions, without bricks, skipping and early end ([`Engine::measure_bare`]), in millions: by `bare_clock`, over up
-    /// to four frames of the turn. Mode dvr without light only.
+    /// to four frames of the turn. Mode dvr, post-classified, without light only.
     pub bare_msamples_per_s: Option<f64>,
     /// The same with the hardware's linear filter.
     pub bare_filtered_msamples_per_s: Option<f64>,
@@ -214,7 +214,9 @@ impl RenderJob {
         row: &mut RenderRow,
     ) -> Result<(), BenchError> {
         let settings = &self.settings;
-        if settings.mode != Mode::Dvr || settings.shading.model != ShadingModel::None {
+        // The bare kernel classifies samples, and lights none.
+        let is_like_it = settings.mode == Mode::Dvr && !settings.is_preintegrated();
+        if !is_like_it || settings.shading.model != ShadingModel::None {
             return Ok(());
         }
         let stride = self.frames.div_ceil(BARE_FRAMES) as usize;

@@ -226,7 +226,7 @@ impl CpuRenderer {
                     near.collect::<Vec<_>>()
                 },
                 |near, number| {
-                    let drawn = with_voxel_kind!(stored_type, K => instructions.run(DrawPart {
+                    let drawn = with_voxel_kind!(stored_type, K => instructions.run_large(DrawPart {
                         scene: &scene,
                         near,
                         part: Part::new(&picture.set, picture.frame.size, number),

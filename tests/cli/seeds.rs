@@ -193,7 +193,9 @@ fn tables_are_chosen_and_reports_compare() {
     let again = seeds(
         &folder,
         "cpu",
-        &["--tables", "T1", "--json", "--compare", "r.json"],
+        &[
+            "--tables", "T1", "--iso", "60", "--json", "--compare", "r.json",
+        ],
     )
     .expect(0);
     for row in rows(&again) {

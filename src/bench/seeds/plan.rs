@@ -471,8 +471,8 @@ mod tests {
     #[test]
     fn tables_have_what_the_systems_compared() {
         let count = |table| comparisons(table, &pictures()).len();
-        // Six filters, gradient, by size, by rate; four levels of work in three sizes.
-        assert_eq!(SeedTable::ALL.map(count), [3, 3, 9, 2, 12]);
+        // Six filters, gradient, by size, by rate; four levels of work in three sizes, two by shape.
+        assert_eq!(SeedTable::ALL.map(count), [3, 3, 9, 2, 14]);
         let interval = &comparisons(SeedTable::T3, &pictures())[0].columns[0];
         assert_eq!(interval.settings.classification.iso.len(), 2);
         let rays = &comparisons(SeedTable::T2, &pictures())[2].columns;

@@ -305,6 +305,18 @@ impl InstructionSet {
             _ => kernel.run(portable::Portable),
         }
     }
+
+    /// As [`Self::run`], for a kernel that takes minutes to build for all vectors. The library's own tests, which draw a few
+    /// small pictures, are built for one kind only; those in tests/ have all.
+    #[cfg(not(test))]
+    pub(super) fn run_large<K: Kernel>(self, kernel: K) -> K::Output {
+        self.run(kernel)
+    }
+
+    #[cfg(test)]
+    pub(super) fn run_large<K: Kernel>(self, kernel: K) -> K::Output {
+        kernel.run(portable::Portable)
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
