@@ -11,5 +11,5 @@
 // Sixteen bits per brick of every level: its greatest value as a code, and above it its least, both rounded outward; used by
 // modes mip and minip only.
 @group(1) @binding(9) var<storage, read> brick_extremes: array<u32>;
-// 16 words per atlas slot: a bit per 4³ block.
+// 16 words per atlas slot: a bit per 4³ block, or with EXTREME a byte per 8³ voxels, a code as in `brick_extremes`.
 @group(1) @binding(5) var<storage, read> occupancy: array<u32>;

@@ -36,11 +36,16 @@ fn brick_activity_of(grid: Grid, xyz: vec3i) -> u32 {
     return (brick_activity[number >> 4u] >> ((number & 15u) * 2u)) & 3u;
 }
 
-// No sample in the brick is greater; with MINIMUM, none of the negated samples. The last code stands for anything.
+// The bound of the samples in the brick.
 fn brick_extreme(grid: Grid, xyz: vec3i) -> f32 {
     let number = brick_number(grid, xyz);
     let codes = (brick_extremes[number >> 1u] >> ((number & 1u) * 16u)) & 0xffffu;
-    let code = select(codes & 255u, codes >> 8u, MINIMUM);
+    return brick_bound(select(codes & 255u, codes >> 8u, MINIMUM));
+}
+
+// The value that a code stands for: no sample is greater; with MINIMUM, none of the negated samples. The last one stands for
+// anything.
+fn brick_bound(code: u32) -> f32 {
     let least = select(frame.value_floor, -frame.value_ceiling, MINIMUM);
     return select(least + f32(code) * frame.extreme_scale, 3e38, code == 255u);
 }

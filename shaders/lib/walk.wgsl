@@ -121,7 +121,8 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
             }
             continue;
         }
-        // A mixed brick has a slot; its occupancy lies by the slot's number.
+        // A mixed brick has a slot; by the slot's number lies which blocks are active: a bit for each, or with EXTREME a bound
+        // for each group of eight.
         let row = brick_slot_number(brick_word(ray.grid, brick));
         var started = -1.0;
         // The word of occupancy in hand.
@@ -129,12 +130,21 @@ fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
         var bits = 0u;
         loop {
             let in_brick = (*walk).block & vec3i(i32(BLOCKS_PER_EDGE) - 1);
-            let bit = u32(in_brick.x + i32(BLOCKS_PER_EDGE) * (in_brick.y + i32(BLOCKS_PER_EDGE) * in_brick.z));
+            var bit: u32;
+            if EXTREME {
+                let group = in_brick >> vec3u(1u);
+                bit = 8u * u32(group.x + i32(BLOCKS_PER_EDGE / 2u) * (group.y + i32(BLOCKS_PER_EDGE / 2u) * group.z));
+            } else {
+                bit = u32(in_brick.x + i32(BLOCKS_PER_EDGE) * (in_brick.y + i32(BLOCKS_PER_EDGE) * in_brick.z));
+            }
             if (bit >> 5u) != held {
                 held = bit >> 5u;
                 bits = occupancy[row * 16u + held];
             }
-            let is_active = ((bits >> (bit & 31u)) & 1u) != 0u;
+            var is_active = ((bits >> (bit & 31u)) & 1u) != 0u;
+            if EXTREME {
+                is_active = brick_bound((bits >> (bit & 31u)) & 255u) > (*walk).greatest;
+            }
             if is_active {
                 if started < 0.0 {
                     started = (*walk).at;

@@ -1,4 +1,7 @@
-//! Least and greatest values of bricks as bytes: what modes mip and minip skip bricks by.
+//! Least and greatest values of bricks, and of groups of their blocks, as bytes: what modes mip and minip skip them by.
+
+use super::activity::GroupBounds;
+use crate::geom::{BLOCKS_PER_BRICK, BLOCKS_PER_EDGE};
 
 /// Codes of the least and the greatest values of bricks, rounded outward.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +23,20 @@ impl ExtremeCodes {
     /// The codes of a brick whose voxels lie in `range`: of its greatest value, and of its least.
     pub fn of(&self, [low, high]: [f32; 2]) -> [u8; 2] {
         [self.maxima.code(high), self.minima.code(-low)]
+    }
+
+    /// The codes of the greatest values of a resident brick's groups of blocks, or of the least, from the ranges of its
+    /// blocks.
+    pub fn of_groups(&self, ranges: &[[f32; 2]; BLOCKS_PER_BRICK], of_least: bool) -> GroupBounds {
+        let mut codes = [0; BLOCKS_PER_BRICK / 8];
+        let edge = BLOCKS_PER_EDGE as usize;
+        for (block, &range) in ranges.iter().enumerate() {
+            let [x, y, z] = [block % edge, block / edge % edge, block / (edge * edge)];
+            let group = (z / 2 * (edge / 2) + y / 2) * (edge / 2) + x / 2;
+            let code = self.of(range)[usize::from(of_least)];
+            codes[group] = codes[group].max(code);
+        }
+        codes
     }
 
     /// From a code to the next, in stored values.
@@ -86,6 +103,23 @@ mod tests {
                 culled += u32::from(bound - maximum <= (range[1] - range[0]) / 200.0);
             }
             assert!(culled > 900, "{range:?}: {culled} of 1001 codes are close");
+        }
+    }
+
+    #[test]
+    fn a_group_has_the_bound_of_its_blocks() {
+        let codes = ExtremeCodes::new([0.0, 254.0]);
+        let mut ranges = [[100.0, 110.0]; BLOCKS_PER_BRICK];
+        // x 3, y 4, z 7: of group 1, 2, 3.
+        ranges[3 + 8 * 4 + 64 * 7] = [20.0, 230.0];
+        let group = 1 + 4 * 2 + 16 * 3;
+        for (of_least, bounds) in [(false, [110.0, 230.0]), (true, [-100.0, -20.0])] {
+            for (n, &code) in codes.of_groups(&ranges, of_least).iter().enumerate() {
+                let least = if of_least { -254.0 } else { 0.0 };
+                let bound = least + f32::from(code) * codes.scale();
+                let wanted = bounds[usize::from(n == group)];
+                assert!(bound >= wanted && bound < wanted + 2.0, "{n}: {bound}");
+            }
         }
     }
 

@@ -17,7 +17,7 @@ mod several;
 mod spread;
 mod tiling;
 
-pub use activity::Activity;
+pub use activity::{Activity, GroupBounds};
 pub use extremes::ExtremeCodes;
 pub use feedback::{Feedback, MissedBrick, PendingFeedback};
 pub use frame::{FrameInputs, Tile};

@@ -624,12 +624,9 @@ impl Residency {
             self.activity_words[word as usize] = new;
             self.activity_changed.insert(word);
         }
-        if let (BRICK_MIXED, Activity::Blocks(occupancy), Some(slot)) = (bits, activity, slot) {
-            gpu.queue.write_buffer(
-                &self.occupancy,
-                u64::from(slot.0) * 64,
-                bytemuck::cast_slice(occupancy.words()),
-            );
+        if let (BRICK_MIXED, Some(row), Some(slot)) = (bits, activity.row(), slot) {
+            gpu.queue
+                .write_buffer(&self.occupancy, u64::from(slot.0) * 64, row);
         }
     }
 

@@ -194,7 +194,13 @@ fn tables_are_chosen_and_reports_compare() {
         &folder,
         "cpu",
         &[
-            "--tables", "T1", "--iso", "60", "--json", "--compare", "r.json",
+            "--tables",
+            "T1",
+            "--iso",
+            "60",
+            "--json",
+            "--compare",
+            "r.json",
         ],
     )
     .expect(0);

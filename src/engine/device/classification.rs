@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::classify::{Occupancy, Visibility};
 use crate::geom::{BLOCKS_PER_BRICK, BrickId, Lod};
 use crate::pager::scan;
-use crate::render::Activity;
+use crate::render::{Activity, ExtremeCodes};
 use crate::store::Store;
 
 /// What can be seen of a level: the test, and the iso-value that tells the two sides of what can't.
@@ -15,6 +15,8 @@ use crate::store::Store;
 pub(super) struct LevelVisibility {
     pub(super) visibility: Visibility,
     pub(super) iso: Option<f32>,
+    /// Of the volume's values.
+    pub(super) codes: ExtremeCodes,
 }
 
 impl LevelVisibility {
@@ -32,10 +34,19 @@ impl LevelVisibility {
     /// What is known of a brick: by its blocks where their ranges are known, else by the index.
     pub(super) fn of_brick(&self, range: [f32; 2], blocks: Option<&BlockRanges>) -> Activity {
         match (self.of_range(range), blocks) {
-            (Activity::Unknown, Some(ranges)) => {
-                Activity::Blocks(Occupancy::from_ranges(ranges, &self.visibility))
-            }
+            (Activity::Unknown, Some(ranges)) => self.of_blocks(ranges),
             (activity, _) => activity,
+        }
+    }
+
+    /// What the blocks of a brick tell that may be visible.
+    fn of_blocks(&self, ranges: &[[f32; 2]; BLOCKS_PER_BRICK]) -> Activity {
+        match self.visibility {
+            Visibility::AboveMinimum { .. } => {
+                Activity::Groups(self.codes.of_groups(ranges, false))
+            }
+            Visibility::BelowMaximum { .. } => Activity::Groups(self.codes.of_groups(ranges, true)),
+            _ => Activity::Blocks(Occupancy::from_ranges(ranges, &self.visibility)),
         }
     }
 }
@@ -55,7 +66,7 @@ pub(super) struct ClassifiedBricks {
     /// Per level, two bits per brick as the index alone tells them ([`Activity::pack`]).
     pub(super) levels: BTreeMap<Lod, Vec<u32>>,
     /// Blocks of resident bricks of these levels that may be visible.
-    pub(super) resident: HashMap<BrickId, Occupancy>,
+    pub(super) resident: HashMap<BrickId, Activity>,
     /// Bricks of all sampled levels that may be visible, and those of them with voxels.
     pub(super) visible: u64,
     pub(super) visible_with_voxels: u64,
@@ -89,8 +100,7 @@ impl ClassifiedBricks {
             if classified.levels.contains_key(&brick.lod)
                 && let Some(seen) = wanted.get(&brick.lod)
             {
-                let occupancy = Occupancy::from_ranges(ranges, &seen.visibility);
-                classified.resident.insert(brick, occupancy);
+                classified.resident.insert(brick, seen.of_blocks(ranges));
             }
         }
         classified

@@ -221,7 +221,7 @@ impl PagedVolume {
             let entry = self.store.entry(brick);
             let activity = match seen.of_range([entry.min, entry.max]) {
                 Activity::Unknown => match classified.resident.get(&brick) {
-                    Some(&occupancy) => Activity::Blocks(occupancy),
+                    Some(&activity) => activity,
                     None => seen.of_brick([entry.min, entry.max], self.ranges.get(&brick)),
                 },
                 empty => empty,

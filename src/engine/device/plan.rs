@@ -3,7 +3,7 @@
 
 use crate::classify::{SegmentTables, Visibility};
 use crate::proxy::Mesh;
-use crate::render::FrameInputs;
+use crate::render::{ExtremeCodes, FrameInputs};
 use crate::scene::{Classified, PictureSettings, RayFrame, SlabShape, Technique};
 use crate::store::Store;
 
@@ -33,6 +33,7 @@ impl PicturePlan {
         let (rays, classified) = prepare(store, tables, settings)?;
         let skip = settings.technique != Technique::Basic;
         let iso = classified.surfaces.first().map(|s| s.value);
+        let codes = ExtremeCodes::new(classified.value_range);
         let levels = rays
             .used()
             .iter()
@@ -43,7 +44,12 @@ impl PicturePlan {
                 } else {
                     Visibility::All
                 };
-                (level.lod, LevelVisibility { visibility, iso })
+                let seen = LevelVisibility {
+                    visibility,
+                    iso,
+                    codes,
+                };
+                (level.lod, seen)
             })
             .collect();
         for level in &rays.levels {
