@@ -11,7 +11,8 @@
 mod support;
 
 use brickscope::classify::{
-    Lut, Occupancy, OpacityCorrection, RangeTable, TransferFunction, Visibility, grey_ramp,
+    Lut, Occupancy, OpacityCorrection, RangeTable, TransferFunction, TransferIntegrals, Visibility,
+    grey_ramp,
 };
 use brickscope::geom::{BLOCKS_PER_BRICK, BrickId, Lod};
 use brickscope::pager::scan;
@@ -70,6 +71,15 @@ fn classification(criterion: &mut Criterion) {
     group.bench_function("visibility of it", |bencher| {
         bencher.iter(|| Visibility::opacity(black_box(&lut)));
     });
+    // What an edit of a pre-integrated picture costs per step length; one of 256² for 8 bits, of 1024² for others.
+    for side in [256, 1024] {
+        group.bench_function(format!("table of integrals, {side}²"), |bencher| {
+            bencher.iter(|| {
+                let domain = [0.0, FULL_SCALE];
+                TransferIntegrals::new(black_box(&transfer), IDENTITY, domain, side, 1.0).table(1.0)
+            });
+        });
+    }
     group.finish();
 
     let (_folder, store) = support::body_store::<u16>(EDGE);
