@@ -6,9 +6,6 @@ use super::rays::Rays;
 use super::simd::Lanes;
 use super::span::Span;
 
-/// One of so many samples of a ray is looked at before the others in modes mip and minip.
-const FIRST_STRIDE: i32 = 8;
-
 impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
     /// Modes mip and minip: the greatest of the values times a sign. A ray ends when it has the volume's own extreme.
     #[inline(always)]
@@ -22,67 +19,50 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         for (n, level) in scene.levels() {
             let rays = Rays::new(l, scene.frame, level, &self.packet);
             let last = l.min_i(rays.last, l.i(level.end as i32 - 1));
+            let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
             has_samples = has_samples | (all & !l.gt_i(rays.first, last));
-            let interval = self.interval(n);
             let field = &mut self.fields[n];
-            // A few samples first: with what they yield most blocks are no better any more.
-            let first_stride = if scene.skips { FIRST_STRIDE } else { 1 };
-            let mut stride = first_stride;
-            loop {
-                let mut span = Span::new(l, rays.first, last, interval, alive);
-                span.align(stride);
-                while span.index <= span.end {
-                    if stride < first_stride && span.index % first_stride == 0 {
-                        // Looked at before.
-                        span.index += 1;
+            while span.index <= span.end {
+                let here = span.here(l) & alive;
+                let offset = rays.offset(l.f(span.index as f32));
+                let place = field.locate(l, offset, here);
+                let mut active = here;
+                if scene.skips {
+                    let [block, brick] = field.bounds(l, &place);
+                    active = here & l.gt(block, greatest);
+                    if !l.any(active) {
+                        let whole = l.gt(brick, greatest);
+                        let brick = field.whole_brick(l, &place);
+                        let behind_brick = field.behind(l, &rays, &brick);
+                        let next = if l.any(here & whole) {
+                            let block = field.blocks_around(l, &place, l.i(1));
+                            l.pick_i(whole, field.behind(l, &rays, &block), behind_brick)
+                        } else {
+                            behind_brick
+                        };
+                        span.leap(l, alive, here, next);
                         continue;
                     }
-                    let here = span.here(l) & alive;
-                    let offset = rays.offset(l.f(span.index as f32));
-                    let place = field.locate(l, offset, here);
-                    let mut active = here;
-                    if scene.skips {
-                        let [block, brick] = field.bounds(l, &place);
-                        active = here & l.gt(block, greatest);
-                        if !l.any(active) {
-                            let whole = l.gt(brick, greatest);
-                            let brick = field.whole_brick(l, &place);
-                            let behind_brick = field.behind(l, &rays, &brick);
-                            let next = if l.any(here & whole) {
-                                let block = field.blocks_around(l, &place, l.i(1));
-                                l.pick_i(whole, field.behind(l, &rays, &block), behind_brick)
-                            } else {
-                                behind_brick
-                            };
-                            span.leap(l, alive, here, next);
-                            span.align(stride);
-                            continue;
-                        }
-                        // Of a brick that was not read nothing is known but its extreme: look again when it is.
-                        if field.lacks_voxels(l, active) {
-                            field.need_voxels(l, active);
-                            continue;
-                        }
+                    // Of a brick that was not read nothing is known but its extreme: look again when it is.
+                    if field.lacks_voxels(l, active) {
+                        field.need_voxels(l, active);
+                        continue;
                     }
-                    add_one(l, &mut self.samples, active);
-                    let value = field.value::<K>(l, &place, offset) * sign;
-                    let more = active & l.gt(value, greatest);
-                    add_one(l, &mut self.contributing, more);
-                    greatest = l.pick(more, value, greatest);
-                    let done = more & l.ge(greatest, most);
-                    if scene.skips && l.any(done) {
-                        alive = alive & !done;
-                        span.end_with(l, alive);
-                    }
-                    span.index += stride;
                 }
-                if stride == 1 {
-                    let passed = span.count_to(l, last);
-                    add(l, &mut self.passed, all, passed);
-                    break;
+                add_one(l, &mut self.samples, active);
+                let value = field.value::<K>(l, &place, offset) * sign;
+                let more = active & l.gt(value, greatest);
+                add_one(l, &mut self.contributing, more);
+                greatest = l.pick(more, value, greatest);
+                let done = more & l.ge(greatest, most);
+                if scene.skips && l.any(done) {
+                    alive = alive & !done;
+                    span.end_with(l, alive);
                 }
-                stride = 1;
+                span.index += 1;
             }
+            let passed = span.count_to(l, last);
+            add(l, &mut self.passed, all, passed);
         }
         self.classified(greatest * sign, has_samples)
     }

@@ -64,13 +64,6 @@ impl<L: Lanes> Span<L> {
         self.index = least.max(self.index + 1);
     }
 
-    /// Goes on to the next sample whose number is a multiple of `stride`.
-    #[inline(always)]
-    pub(super) fn align(&mut self, stride: i32) {
-        // Up to it there are at most i32::MAX samples of a ray, of which the last is far.
-        self.index = self.index.saturating_add(stride - 1) / stride * stride;
-    }
-
     /// Number of the samples of each lane up to `index`, which none has passed.
     #[inline(always)]
     pub(super) fn count_to(&self, l: L, index: L::I) -> L::I {
