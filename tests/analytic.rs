@@ -473,7 +473,7 @@ fn two_translucent_spheres_lie_in_each_other(of: fn(&TestStore) -> Renderers) {
 
 fn an_interval_is_a_shell(of: fn(&TestStore) -> Renderers) {
     // Values in LOW..HIGH lie between two spheres. Which one a ray meets first is known by pencil, from outside and from
-    // between them; its colour tells which one was met, and the headlight where: |n·d|.
+    // between them; its colour tells which one was met, and a light from one side where.
     let (outer, inner) = (20.0, 10.0);
     let center = DVec3::splat(31.5);
     let store = plain(field([64; 3], VoxelType::F32, |p| {
@@ -490,11 +490,24 @@ fn an_interval_is_a_shell(of: fn(&TestStore) -> Renderers) {
         .to_vec();
     s.shading.specular = 0.0;
     (s.shading.ambient, s.shading.diffuse) = (0.0, 1.0);
+    let direction = DVec3::new(2.0, 1.0, 1.0).normalize();
+    s.shading.light = Some(direction);
     s.size = [64, 64];
-    for (place, back, fov) in [
-        ("from outside", 45.0, 60.0_f64),
-        ("from between them, inward", 15.0, 100.0),
-        ("from between them, outward", -15.0, 100.0),
+    // What is seen there: the outer sphere, the inner one, nothing.
+    for (place, back, fov, seen) in [
+        ("from outside", 45.0, 60.0_f64, [true, false, true]),
+        (
+            "from between them, inward",
+            15.0,
+            100.0,
+            [true, true, false],
+        ),
+        (
+            "from between them, outward",
+            -15.0,
+            100.0,
+            [true, false, false],
+        ),
     ] {
         let eye = center + DVec3::Y * back;
         s.camera = Camera {
@@ -531,15 +544,14 @@ fn an_interval_is_a_shell(of: fn(&TestStore) -> Renderers) {
                 };
                 met[kind] += 1;
                 let hit = from + ray * distance;
-                let light = hit.normalize().dot(ray).abs() as f32;
+                let light = hit.normalize().dot(direction).abs() as f32;
                 let expected = [Vec3::X * light, Vec3::Y * light, Vec3::ZERO][kind];
-                // Grazed surfaces have the right colour, and their light changes by the hundredth of a millimetre.
-                let bound = if light > 0.4 { 0.02 } else { 0.1 };
                 assert!(
-                    pixel.truncate().abs_diff_eq(expected, bound) && (pixel.w == 1.0) == (kind < 2),
+                    pixel.truncate().abs_diff_eq(expected, 0.03) && (pixel.w == 1.0) == (kind < 2),
                     "{name}, {place}: pixel {i}: {pixel} is not {expected}"
                 );
             }
+            assert_eq!(met.map(|n| n > 1000), seen, "{name}, {place}: {met:?}");
         }
     }
 }
