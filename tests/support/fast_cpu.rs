@@ -18,9 +18,11 @@ pub fn speckle(inverse: bool) -> TestStore {
     }))
 }
 
-/// An unlit picture of `mode`; one of minima shows those, too, that most transfer functions leave transparent.
+/// An unlit picture of `mode`; one of minima shows those, too, that most transfer functions leave transparent. Smaller than
+/// others, as each is drawn with every kind of vector, but of several tiles.
 pub fn picture(store: &TestStore, mode: Mode) -> PictureSettings {
     let mut s = unlit(settings(&store.store, mode));
+    s.size = [96, 96];
     if matches!(mode, Mode::MinIp | Mode::Mean) {
         let meta = store.store.meta();
         let ends = [meta.value_min, meta.value_max].map(|v| meta.rescale.physical(v));

@@ -9,8 +9,8 @@ use brickscope::classify::{
 };
 use brickscope::engine::{DeviceChoice, Engine, EngineOptions, Picture, TickBudget};
 use brickscope::scene::{
-    GradientFilter, IsoSurface, Jitter, Mode, PictureSettings, ShadingModel, TransferMode,
-    volume_bounds,
+    GradientFilter, IsoSurface, Jitter, LodChoice, Mode, PictureSettings, ShadingModel,
+    TransferMode, volume_bounds,
 };
 use brickscope::store::Store;
 use brickscope::volume::{VoxelSource, VoxelType};
@@ -274,7 +274,7 @@ pub fn through_levels(store: &TestStore, mut settings: PictureSettings) -> Pictu
         DVec3::new(0.3, 1.0, 0.2),
     );
     // Voxels are 0.8 mm and more, a pixel of 128 is 0.009 mm per mm of distance: level 1 begins at about 15 mm.
-    settings.lod_error = 12.0;
+    (settings.lod, settings.lod_error) = (LodChoice::Auto, 12.0);
     settings
 }
 
