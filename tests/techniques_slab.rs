@@ -164,28 +164,28 @@ fn check_engine(engine: &mut Engine, s: &PictureSettings, allowed: usize, data: 
     check(&slabs.image, &other.image, s, allowed, data, what);
 }
 
+/// Each look with one voxel type, each type with a third of the looks: values are read into slabs by one piece of code whatever
+/// is made of them.
 #[test]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn every_voxel_type_and_look_is_that_of_the_default_and_of_the_reference() {
-    let kinds = [VoxelType::U8, VoxelType::U16, VoxelType::F32];
-    for (n, voxel_type) in kinds.into_iter().enumerate() {
+    let types = [VoxelType::U8, VoxelType::U16, VoxelType::F32];
+    for (n, voxel_type) in types.into_iter().enumerate() {
         let store = swells(voxel_type);
         let mut engine = gpu(&store, EngineOptions::default());
         // Samples are compared by what is known of bricks in the end: of a brick that is not there yet, more is walked. To a
         // mean all bricks matter.
         engine.render(&settings(&store.store, Mode::Mean)).unwrap();
-        for (k, (look, s)) in shared_looks(&store).into_iter().enumerate() {
+        let looks = shared_looks(&store).into_iter();
+        for (look, s) in looks.skip(n).step_by(types.len()) {
             let what = format!("{voxel_type} {look}");
             let slabs = engine.render(&slab(&s)).unwrap();
             let other = engine.render(&s).unwrap();
             check(&slabs.image, &other.image, &s, 0, Data::Smooth, &what);
             assert_same_samples(&slabs.stats, &other.stats, s.mode, &what);
-            // Each look with one voxel type: tests/twin.rs holds every picture without slabs against the reference.
-            if k % kinds.len() == n {
-                let truth = reference(&store, &s).image;
-                let what = format!("{what}, reference");
-                check(&slabs.image, &truth, &s, 0, Data::Smooth, &what);
-            }
+            let truth = reference(&store, &s).image;
+            let what = format!("{what}, reference");
+            check(&slabs.image, &truth, &s, 0, Data::Smooth, &what);
         }
     }
 }
@@ -194,10 +194,12 @@ fn assert_same_samples(slabs: &PictureStats, other: &PictureStats, mode: Mode, w
     assert_eq!(slabs.rays, other.rays, "{what}");
     let counts = [slabs.samples, other.samples];
     let off = counts[0].abs_diff(counts[1]);
-    println!("{what}: samples {counts:?}");
     let is_near = match mode {
-        // What a slab yields can rule out blocks behind it only.
-        Mode::Mip | Mode::MinIp => (counts[1]..counts[1] * 2).contains(&counts[0]),
+        // What a slab yields can rule out blocks behind it only: most of what a ray's samples do.
+        Mode::Mip | Mode::MinIp => {
+            let [skipped, by_rays] = [slabs, other].map(|s| s.samples_skipped);
+            by_rays > 0 && skipped <= by_rays && skipped * 2 > by_rays
+        }
         // Where a ray ends depends on its gradients.
         Mode::Gradient => off < counts[1] / 50,
         // But for rays that end within rounding of the cutoff.
@@ -211,11 +213,14 @@ fn assert_same_samples(slabs: &PictureStats, other: &PictureStats, mode: Mode, w
 fn every_setting_is_that_of_the_default() {
     let store = swells(VoxelType::U16);
     let mut engine = gpu(&store, EngineOptions::default());
-    for (look, of_look) in shared_looks(&store) {
-        let mut s = of_look.clone();
-        s.camera.projection = Projection::Orthographic;
-        let what = format!("orthographic {look}");
-        check_engine(&mut engine, &s, 0, Data::Smooth, &what);
+    for (n, (look, of_look)) in shared_looks(&store).into_iter().enumerate() {
+        // Rays are laid out by one piece of code for all looks.
+        if n % 3 == 0 {
+            let mut s = of_look.clone();
+            s.camera.projection = Projection::Orthographic;
+            let what = format!("orthographic {look}");
+            check_engine(&mut engine, &s, 0, Data::Smooth, &what);
+        }
         let s = through_levels(&store, of_look.clone());
         let what = format!("{look} from inside at several levels");
         check_engine(&mut engine, &s, 0, Data::Levels, &what);
