@@ -56,16 +56,16 @@ enum Data {
 impl Data {
     const ALL: [Self; 4] = [Self::Smooth, Self::Levels, Self::Steps, Self::Sharp];
 
-    /// Measured and rounded up: what must not pass is little more than twice as far off (see the negative controls).
+    /// Measured and rounded up, so that what must not pass is beyond (see the negative controls).
     fn bound(self, s: &PictureSettings) -> LitBound {
         let surfaces = match s.mode {
             Mode::Iso => s.classification.iso.len(),
             _ => 0,
         };
-        let is_filtered = s.shading.gradient == GradientFilter::Filtered;
+        let is_filtered = s.mode == Mode::Dvr && s.shading.gradient == GradientFilter::Filtered;
         let [mean, high] = match (self, surfaces) {
             (Self::Smooth, _) => [0.005, 0.05],
-            // The default's filter is three voxels of a coarser level wide.
+            // Light all along a ray, and the default's filter is two voxels of a coarser level wide.
             (Self::Levels, 0) if is_filtered => [0.045, 0.15],
             (Self::Levels, _) => [0.02, 0.05],
             (Self::Steps, 0) => [0.02, 0.11],

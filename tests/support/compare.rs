@@ -73,11 +73,6 @@ pub fn coverage(image: &Image) -> f64 {
 /// Panics unless both are equal to the bit, and show something.
 pub fn assert_same_bits(a: &Image, b: &Image, what: &str) {
     assert!(coverage(b) > 0.0, "{what}: an empty picture tells nothing");
-    assert_same_bits_or_empty(a, b, what);
-}
-
-/// Panics unless both are equal to the bit; they may be empty.
-pub fn assert_same_bits_or_empty(a: &Image, b: &Image, what: &str) {
     let bits = |image: &Image| -> Vec<[u32; 4]> {
         image
             .pixels
