@@ -24,9 +24,12 @@ use brickscope::geom::Lod;
 use brickscope::scene::{Interpolation, LodChoice, Mode, PictureSettings};
 use brickscope::volume::VoxelType;
 use compare::{TWIN_BOUND, assert_same_bits, difference};
-use fast_cpu::{check, lit, picture, speckle, unlit, waves};
+use fast_cpu::{check, lit, picture, speckle, unlit};
 use glam::DVec3;
-use scenes::{TestStore, cpu, field, inside, phantom, reference, settings, store_of};
+use scenes::{
+    TestStore, cpu, field, inside, phantom, reference, settings, store_of, through_levels,
+    tick_to_end, waves,
+};
 
 #[test]
 fn every_voxel_type_and_mode() {
@@ -87,14 +90,7 @@ fn every_setting() {
 fn several_levels_in_one_picture() {
     let store = waves(VoxelType::U16);
     for mode in Mode::ALL {
-        let mut s = picture(&store, mode);
-        s.camera = inside(
-            &store.store,
-            DVec3::new(0.45, 0.2, 0.5),
-            DVec3::new(0.3, 1.0, 0.2),
-        );
-        // As in the twin test of the GPU: level 1 begins at about 15 mm.
-        s.lod_error = 12.0;
+        let s = through_levels(&store, picture(&store, mode));
         check(&store, &s, &format!("{} at several levels", mode.name()));
     }
 }
@@ -161,7 +157,8 @@ fn one_voxel_thick() {
 fn any_memory_gives_the_same_bits() {
     let store = phantom("phantom:body:150,140,160:u16");
     for mode in Mode::ALL {
-        let s = picture(&store, mode);
+        let mut s = picture(&store, mode);
+        s.lod = LodChoice::Fixed(Lod(0));
         let truth = reference(&store, &s).image;
         let mut plenty = cpu(&store, EngineOptions::default());
         let first = plenty.render(&s).unwrap();
@@ -295,9 +292,7 @@ fn budgets_may_change_while_a_picture_is_drawn() {
     // Counted from a renderer that has read bricks to one that has read none.
     engine.set_picture(step.clone());
     engine.set_budgets(None, 1 << 20);
-    while !engine.is_converged() {
-        engine.tick(&TickBudget::default()).unwrap();
-    }
+    tick_to_end(&mut engine, &TickBudget::default());
     assert_same_bits(
         engine.image().unwrap(),
         &reference(&store, &step).image,

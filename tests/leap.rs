@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use brickscope::camera::{Camera, Projection};
-use brickscope::engine::{Engine, EngineOptions, LeapFault, ReadHookOption, TickBudget};
+use brickscope::engine::{Engine, EngineOptions, LeapFault, Picture, ReadHookOption, TickBudget};
 use brickscope::geom::Lod;
 use brickscope::scene::{
     AntiAliasing, Image, LodChoice, Mode, PictureSettings, SamplePattern, ShadingModel, Technique,
@@ -25,9 +25,11 @@ use brickscope::scene::{
 };
 use brickscope::store::Store;
 use brickscope::volume::VoxelType;
-use compare::assert_same_bits;
+use compare::{assert_same_bits, coverage};
 use glam::{DVec2, DVec3};
-use scenes::{TestStore, field, gpu, inside, looks, oblique, phantom, settings, store_of};
+use scenes::{
+    TestStore, field, gpu, inside, looks, oblique, phantom, settings, store_of, tick_to_end,
+};
 
 /// What a frame that leaps may differ by in a channel: two steps of a screen.
 const BOUND: f32 = 2.0 / 255.0;
@@ -105,6 +107,18 @@ fn differing(a: &Image, b: &Image) -> u64 {
         .count() as u64
 }
 
+/// Panics unless both pictures of a frame show something.
+fn assert_shows(with: &Picture, off: &Picture, frame: u32) {
+    for (picture, what) in [(with, "leaping"), (off, "without")] {
+        let contributing = picture.stats.samples_contributing.unwrap();
+        let covered = coverage(&picture.image);
+        assert!(
+            contributing > 1000 && covered > 0.05,
+            "frame {frame}, {what}: {contributing} samples show in {covered} of the picture"
+        );
+    }
+}
+
 /// What a movement came to.
 #[derive(Debug, Default)]
 struct Movement {
@@ -121,48 +135,52 @@ impl Movement {
     }
 }
 
-/// Draws an orbit with and without leaping, frame by frame on one engine.
-fn movement(
-    store: &TestStore,
-    settings: &PictureSettings,
-    fault: Option<LeapFault>,
-    frames: u32,
-    degrees: f64,
-) -> Movement {
+/// An engine in which all bricks of `store` are: to a mean all of them matter, and an orbit sees all of them in every frame
+/// (that none is missing is asserted).
+fn filled(store: &TestStore, leap_fault: Option<LeapFault>) -> Engine {
     let options = EngineOptions {
-        leap_fault: fault,
+        leap_fault,
         ..EngineOptions::default()
     };
     let mut engine = gpu(store, options);
+    let all = moving(&store.store, Mode::Mean, Technique::Basic);
+    engine.render(&without(&all)).unwrap();
+    engine
+}
+
+/// Draws an orbit with and without leaping, frame by frame on one engine that [`filled`] made.
+fn movement(
+    engine: &mut Engine,
+    store: &TestStore,
+    settings: &PictureSettings,
+    frames: u32,
+    degrees: f64,
+) -> Movement {
     let mut sum = Movement::default();
-    // So that everything is there.
-    for frame in 0..frames {
-        let view = turned(&store.store, settings, frame, degrees);
-        engine.render(&view).unwrap();
-    }
     for frame in 0..frames {
         let view = turned(&store.store, settings, frame, degrees);
         let with = engine.draw_moving(&view).unwrap();
         let off = engine.draw_moving(&without(&view)).unwrap();
         assert!(!off.stats.leapt, "off is off");
         assert!(off.stats.converged, "no brick is missing");
+        assert_shows(&with, &off, frame);
         sum.leapt += u32::from(with.stats.leapt);
         sum.samples[0] += with.stats.samples;
         sum.samples[1] += off.stats.samples;
-        assert_eq!(
-            with.stats.samples_contributing.unwrap() == 0,
-            off.stats.samples_contributing.unwrap() == 0,
-            "frame {frame} shows something"
-        );
         sum.pixels += off.image.pixels.len() as u64;
         sum.differing += differing(&with.image, &off.image);
     }
     sum
 }
 
-fn check(store: &TestStore, settings: &PictureSettings, what: &str) -> Movement {
-    let frames = 36;
-    let sum = movement(store, settings, None, frames, 1.0);
+fn check(
+    engine: &mut Engine,
+    store: &TestStore,
+    settings: &PictureSettings,
+    frames: u32,
+    what: &str,
+) {
+    let sum = movement(engine, store, settings, frames, 1.0);
     println!("{what}: {sum:?}, {:.4} %", sum.share() * 100.0);
     assert_eq!(sum.leapt, frames - 1, "{what}: all but the first leap");
     assert!(sum.share() <= SHARE, "{what}: {sum:?}");
@@ -170,18 +188,15 @@ fn check(store: &TestStore, settings: &PictureSettings, what: &str) -> Movement 
         sum.samples[0] < sum.samples[1],
         "{what}: leaping saves samples: {sum:?}"
     );
-    sum
 }
 
-fn check_techniques(store: &TestStore, what: &str) {
+fn check_techniques(store: &TestStore, frames: u32, what: &str) {
+    let mut engine = filled(store, None);
     for mode in [Mode::Iso, Mode::Dvr] {
         for technique in [Technique::Basic, Technique::Default] {
             let settings = moving(&store.store, mode, technique);
-            check(
-                store,
-                &settings,
-                &format!("{what} {} {}", mode.name(), technique.name()),
-            );
+            let what = format!("{what} {} {}", mode.name(), technique.name());
+            check(&mut engine, store, &settings, frames, &what);
         }
     }
 }
@@ -189,19 +204,19 @@ fn check_techniques(store: &TestStore, what: &str) {
 #[test]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn an_orbit_around_a_machine_is_as_without() {
-    check_techniques(&machine(), "machine");
+    check_techniques(&machine(), 36, "machine");
 }
 
 #[test]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn an_orbit_around_a_body_is_as_without() {
-    check_techniques(&phantom("phantom:body:110,80,120:u8"), "body");
+    check_techniques(&phantom("phantom:body:110,80,120:u8"), 18, "body");
 }
 
 #[test]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn an_orbit_around_a_sponge_is_as_without() {
-    check_techniques(&phantom("phantom:sponge:80,80,80:u8"), "sponge");
+    check_techniques(&phantom("phantom:sponge:80,80,80:u8"), 18, "sponge");
 }
 
 #[test]
@@ -215,6 +230,7 @@ fn other_looks_are_as_without() {
     let mut fine = settings(&store.store, Mode::Dvr);
     fine.shading.model = ShadingModel::Phong;
     others.push(("lit dvr", fine));
+    let mut engine = filled(&store, None);
     for (look, of_look) in others {
         let settings = PictureSettings {
             // Pixels half again as wide as voxels, as the level rule has them. Where they are wider still, slits open in
@@ -225,8 +241,8 @@ fn other_looks_are_as_without() {
             technique: Technique::Basic,
             ..of_look
         };
-        let frames = 8;
-        let sum = movement(&store, &settings, None, frames, 1.0);
+        let frames = if settings.mode.projects() { 3 } else { 6 };
+        let sum = movement(&mut engine, &store, &settings, frames, 1.0);
         println!("{look}: {sum:?}, {:.4} %", sum.share() * 100.0);
         if settings.mode.projects() {
             assert_eq!(sum.leapt, 0, "{look} never leaps");
@@ -243,8 +259,10 @@ fn other_looks_are_as_without() {
 fn assert_fault_shows(fault: LeapFault, degrees: f64) {
     let store = machine();
     let settings = moving(&store.store, Mode::Iso, Technique::Basic);
-    let right = movement(&store, &settings, None, 12, degrees);
-    let wrong = movement(&store, &settings, Some(fault), 12, degrees);
+    let [right, wrong] = [None, Some(fault)].map(|fault| {
+        let mut engine = filled(&store, fault);
+        movement(&mut engine, &store, &settings, 12, degrees)
+    });
     println!("{fault:?} at {degrees}°: {wrong:?}, in order {right:?}");
     assert!(right.share() <= SHARE, "{fault:?}: in order {right:?}");
     assert!(wrong.share() > 2.0 * SHARE, "{fault:?}: {wrong:?}");
@@ -403,10 +421,7 @@ fn the_final_picture_never_leaps() {
             engine.tick(&TickBudget::default()).unwrap();
         }
     }
-    let begun = std::time::Instant::now();
-    while !engine.tick(&TickBudget::default()).unwrap().converged {
-        assert!(begun.elapsed().as_secs() < 300, "it converges");
-    }
+    tick_to_end(&mut engine, &TickBudget::default());
     assert_same_bits(
         engine.image().unwrap(),
         &rested.image,
@@ -441,6 +456,14 @@ fn memory_is_counted_when_leaping_is_on() {
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn stand_ins_and_levels_are_as_without() {
     let store = phantom("phantom:body:200,180,210:u8");
+    for mode in [Mode::Iso, Mode::Dvr] {
+        for technique in [Technique::Basic, Technique::Default] {
+            stand_ins(&store, mode, technique);
+        }
+    }
+}
+
+fn stand_ins(store: &TestStore, mode: Mode, technique: Technique) {
     let closed = Arc::new(AtomicBool::new(false));
     let gate = Arc::clone(&closed);
     let hook = move |_| {
@@ -454,13 +477,13 @@ fn stand_ins_and_levels_are_as_without() {
         Ok(())
     };
     let options = EngineOptions {
-        max_slots: Some(60),
+        max_slots: Some(50),
         ram_bytes: 4 << 20,
         read_hook: Some(ReadHookOption(Arc::new(hook))),
         ..EngineOptions::default()
     };
-    let mut engine = gpu(&store, options);
-    let mut settings = moving(&store.store, Mode::Iso, Technique::Basic);
+    let mut engine = gpu(store, options);
+    let mut settings = moving(&store.store, mode, technique);
     settings.classification.iso[0].value = 150.0;
     // From the middle of the volume on a pixel is half as wide as a voxel of level 1.
     let bounds = volume_bounds(
@@ -481,10 +504,11 @@ fn stand_ins_and_levels_are_as_without() {
     closed.store(true, Ordering::SeqCst);
     let mut sum = Movement::default();
     let mut stood_in = 0;
-    for frame in 0..24 {
+    for frame in 0..12 {
         let view = turned(&store.store, &settings, frame, 1.0);
         let with = engine.draw_moving(&view).unwrap();
         let off = engine.draw_moving(&without(&view)).unwrap();
+        assert_shows(&with, &off, frame);
         if with.stats.bricks_uploaded != Some(0) {
             assert!(!with.stats.leapt, "frame {frame}: bricks came");
         }
@@ -496,13 +520,14 @@ fn stand_ins_and_levels_are_as_without() {
         sum.pixels += off.image.pixels.len() as u64;
         sum.differing += differing(&with.image, &off.image);
     }
-    println!("stand-ins: {sum:?}, {stood_in} frames with stand-ins");
-    assert!(sum.leapt > 10, "{sum:?}");
+    let what = format!("stand-ins, {} {}", mode.name(), technique.name());
+    println!("{what}: {sum:?}, {stood_in} frames with stand-ins");
+    assert!(sum.leapt > 5, "{what}: {sum:?}");
     assert!(
-        stood_in > 10,
-        "coarser bricks stood in in {stood_in} frames"
+        stood_in > 5,
+        "{what}: coarser bricks stood in in {stood_in} frames"
     );
-    assert!(sum.share() <= SHARE, "{sum:?}");
+    assert!(sum.share() <= SHARE, "{what}: {sum:?}");
 }
 
 #[test]
@@ -518,6 +543,7 @@ fn from_inside_it_is_as_without() {
         settings.camera = inside(&store.store, DVec3::new(0.45, 0.2, 0.5), direction);
         let with = engine.draw_moving(&settings).unwrap();
         let off = engine.draw_moving(&without(&settings)).unwrap();
+        assert_shows(&with, &off, frame);
         assert_eq!(
             with.stats.leapt,
             frame > 0,

@@ -14,25 +14,46 @@ mod memory_source;
 mod scenes;
 
 use brickscope::camera::{Camera, Projection};
+use brickscope::classify::{OpacityCurve, OpacityPoint};
 use brickscope::engine::{Engine, EngineOptions, Picture, SampleFilter};
 use brickscope::geom::Lod;
-use brickscope::scene::{LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique};
-use compare::{assert_same_bits, coverage, difference};
+use brickscope::scene::{
+    GradientFilter, Jitter, LodChoice, Mode, PictureSettings, Shading, ShadingModel, Technique,
+    TransferMode,
+};
+use brickscope::volume::VoxelType;
+use compare::{assert_same_bits, assert_same_bits_or_empty, coverage, difference};
 use glam::{DAffine3, DVec3};
 use memory_source::noise;
-use scenes::{TestStore, gpu, inside, oblique, phantom, settings, speckle};
+use scenes::{
+    TestStore, field, gpu, inside, looks, many_levels, oblique, phantom, settings, speckle,
+    store_of, translucent_surfaces,
+};
 
+/// What is drawn from many cameras, and under every size of the atlas; [`other_looks`] from few.
 const MODES: [Mode; 3] = [Mode::Dvr, Mode::Iso, Mode::Mip];
+
+/// All looks but those of [`MODES`].
+fn other_looks(store: &TestStore) -> Vec<(&'static str, PictureSettings)> {
+    let mut looks = looks(&store.store);
+    looks.retain(|(look, _)| MODES.iter().all(|mode| mode.name() != *look));
+    looks
+}
 
 /// Skipping on and off in one engine, one pipeline. Returns the share of the picture that shows something.
 fn check_skipping(engine: &mut Engine, settings: &PictureSettings, what: &str) -> f64 {
+    coverage(&skipping(engine, settings, what).image)
+}
+
+/// As [`check_skipping`]; returns the picture drawn with skipping.
+fn skipping(engine: &mut Engine, settings: &PictureSettings, what: &str) -> Picture {
     let mut plain = settings.clone();
     plain.technique = Technique::Basic;
     let (skipping, plain) = (
         engine.render(settings).unwrap(),
         engine.render(&plain).unwrap(),
     );
-    assert_same_bits(&skipping.image, &plain.image, what);
+    assert_same_bits_or_empty(&skipping.image, &plain.image, what);
     assert!(
         skipping.stats.samples <= plain.stats.samples,
         "{what}: skipping takes no more samples"
@@ -41,7 +62,7 @@ fn check_skipping(engine: &mut Engine, settings: &PictureSettings, what: &str) -
         skipping.stats.samples_contributing, plain.stats.samples_contributing,
         "{what}: what is skipped would not have changed the picture"
     );
-    coverage(&plain.image)
+    skipping
 }
 
 #[test]
@@ -148,6 +169,113 @@ fn skipping_changes_nothing_in_a_body() {
 
 #[test]
 #[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn skipping_changes_no_look() {
+    let store = phantom("phantom:body:120,80,130:u16");
+    let mut engine = gpu(&store, EngineOptions::default());
+    for (look, mut s) in other_looks(&store) {
+        s.size = [72, 56];
+        for step in [s.step, 5.0] {
+            s.step = step;
+            let what = format!("{look}, step {step}");
+            let covered = check_skipping(&mut engine, &s, &what);
+            assert!(covered > 0.02, "{what}: something is seen: {covered}");
+        }
+        s.camera = inside(
+            &store.store,
+            DVec3::new(0.5, 0.5, 0.6),
+            DVec3::new(0.2, -1.0, 0.1),
+        );
+        check_skipping(&mut engine, &s, &format!("{look} from inside"));
+    }
+}
+
+/// Values of which only some between 0 and 255 show, which no voxel has: a segment from one to the other crosses them.
+fn peak(store: &TestStore, mode: Mode) -> PictureSettings {
+    let mut s = settings(&store.store, mode);
+    let meta = store.store.meta();
+    let at = |stored| meta.rescale.physical(stored);
+    s.classification.transfer.opacity = OpacityCurve::new(vec![
+        OpacityPoint::linear(at(122.0), 0.0),
+        OpacityPoint::linear(at(127.5), 0.9),
+        OpacityPoint::linear(at(133.0), 0.0),
+    ])
+    .unwrap();
+    s
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn skipping_leaves_what_lies_between_two_samples() {
+    let blobs = speckle(150, oblique());
+    // Two bricks long each: most blocks are of one value.
+    let slabs = store_of(&mut field([40, 200, 40], VoxelType::U8, |p| {
+        f64::from((p.y * 3.125) as u32 % 2)
+    }));
+    for (scene, store) in [("blobs", &blobs), ("slabs", &slabs)] {
+        let mut segments = peak(store, Mode::Dvr);
+        segments.classification.transfer_mode = TransferMode::Preintegrated;
+        let mut lit = segments.clone();
+        lit.shading.model = ShadingModel::Phong;
+        lit.shading.gradient = GradientFilter::Filtered;
+        let mut surfaces = settings(&store.store, Mode::Iso);
+        surfaces.classification.iso = translucent_surfaces(&store.store);
+        let mut gradient = settings(&store.store, Mode::Gradient);
+        gradient.shading.gradient = GradientFilter::Filtered;
+        // Long steps of all rays together would miss the slabs' sides.
+        gradient.jitter = Jitter::Interleaved;
+        let mut engine = gpu(store, EngineOptions::default());
+        for (look, mut s) in [
+            ("segments", segments),
+            ("lit segments", lit),
+            ("surfaces", surfaces),
+            ("filtered gradients", gradient),
+        ] {
+            s.size = [72, 56];
+            s.lod = LodChoice::Fixed(Lod(0));
+            s.camera = inside(
+                &store.store,
+                DVec3::new(0.5, -0.1, 0.5),
+                DVec3::new(0.1, 1.0, 0.05),
+            );
+            for step in [1.0, 4.0, 40.0] {
+                s.step = step;
+                let what = format!("{scene}, {look}, step {step}");
+                let picture = skipping(&mut engine, &s, &what);
+                let covered = coverage(&picture.image);
+                assert!(covered > 0.005, "{what}: something is seen: {covered}");
+                assert!(
+                    picture.stats.samples_skipped > picture.stats.samples / 3,
+                    "{what}: and skipped"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn the_place_in_the_atlas_changes_no_look() {
+    let store = phantom("phantom:marschner-lobb:100,90,80:u16");
+    let mut engines = [0, 1].map(|slot_order_seed| {
+        let options = EngineOptions {
+            slot_order_seed,
+            ..EngineOptions::default()
+        };
+        gpu(&store, options)
+    });
+    for (look, mut s) in other_looks(&store) {
+        s.size = [72, 56];
+        let [plain, shuffled] = engines
+            .each_mut()
+            .map(|engine| engine.render(&s).unwrap().image);
+        let covered = coverage(&plain);
+        assert!(covered > 0.05, "{look}: something is seen: {covered}");
+        assert_same_bits(&plain, &shuffled, &format!("{look}, shuffled slots"));
+    }
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
 fn the_place_in_the_atlas_changes_nothing() {
     let store = phantom("phantom:marschner-lobb:100,90,80:u16");
     let bytes = phantom("phantom:body:100,90,80:u8");
@@ -246,17 +374,39 @@ fn any_atlas_gives_the_same_picture() {
     }
 }
 
-/// A camera that sees several levels: inside, with voxels of a few pixels nearby.
-fn many_levels(store: &TestStore, mode: Mode) -> PictureSettings {
-    let mut s = settings(&store.store, mode);
-    s.size = [96, 80];
-    s.camera = inside(
-        &store.store,
-        DVec3::new(0.5, 0.1, 0.45),
-        DVec3::new(0.1, 1.0, 0.2),
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn the_smallest_atlas_gives_every_look() {
+    let store = phantom("phantom:body:120,100,130:u16");
+    let mut whole = gpu(&store, EngineOptions::default());
+    let mut small = gpu(
+        &store,
+        EngineOptions {
+            max_slots: Some(9),
+            slot_order_seed: 9,
+            ..EngineOptions::default()
+        },
     );
-    s.lod_error = 3.0;
-    s
+    for (look, mut s) in other_looks(&store) {
+        s.size = [40, 32];
+        // From afar, and from a place that sees several levels.
+        let near = many_levels(&store, s.mode);
+        let near = PictureSettings {
+            camera: near.camera,
+            lod_error: near.lod_error,
+            ..s.clone()
+        };
+        s.lod = LodChoice::Fixed(Lod(0));
+        for (what, s) in [("level 0", s), ("several levels", near)] {
+            let what = format!("{look}, {what}, 9 slots");
+            let all = whole.render(&s).unwrap().image;
+            let few = small.render(&s).unwrap();
+            let covered = coverage(&all);
+            assert!(covered > 0.05, "{what}: something is seen: {covered}");
+            assert!(few.stats.bricks_evicted > Some(0), "{what}: evicts");
+            assert_same_bits(&all, &few.image, &what);
+        }
+    }
 }
 
 #[test]

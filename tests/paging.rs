@@ -19,6 +19,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use brickscope::camera::Camera;
+use brickscope::classify::{ColorCurve, ColorPoint, ColorSpace};
 use brickscope::engine::{
     Engine, EngineOptions, ReadHookOption, TickBudget, TickEvent, TickReport,
 };
@@ -32,9 +33,21 @@ use brickscope::volume::VoxelType;
 use compare::{TWIN_BOUND, assert_same_bits, coverage, difference};
 use glam::{DVec3, IVec3, Vec3, Vec3Swizzles};
 use memory_source::noise;
-use scenes::{TestStore, field, gpu, inside, phantom, settings, store_of};
+use scenes::{TestStore, field, gpu, inside, looks, phantom, settings, store_of};
 
+/// What is drawn under several sizes of the atlas; [`other_looks`] under the smallest.
 const MODES: [Mode; 3] = [Mode::Dvr, Mode::Iso, Mode::Mip];
+
+/// Small pictures of all looks but those of [`MODES`].
+fn other_looks(store: &TestStore) -> Vec<(&'static str, PictureSettings)> {
+    let mut looks = looks(&store.store);
+    looks.retain(|(look, _)| MODES.iter().all(|mode| mode.name() != *look));
+    for (_, s) in &mut looks {
+        s.size = [56, 48];
+        s.lod_error = 0.25;
+    }
+    looks
+}
 
 /// More ticks than any picture here needs: one that hangs fails instead.
 const MANY_TICKS: usize = 20_000;
@@ -177,6 +190,48 @@ fn a_slow_disk_and_any_order_of_arrival_change_nothing() {
         assert_eq!(count, sorted.len(), "no brick is read twice");
         let slow = gpu(&store, options).render(&s).unwrap();
         assert_same_bits(&rendered.image, &slow.image, mode.name());
+    }
+}
+
+/// Bricks come late, in any order, and have to make room for others: drafts go around those that are missing.
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn every_look_becomes_the_rendered_one() {
+    let store = phantom("phantom:body:120,100,130:u16");
+    let mut oracle = gpu(&store, EngineOptions::default());
+    let (slow, _) = noted(uneven);
+    let few = EngineOptions {
+        max_slots: Some(9),
+        ..slow.clone()
+    };
+    let short = TickBudget {
+        time: Duration::from_millis(1),
+        ..BUDGET
+    };
+    for (what, options) in [("a slow disk", slow), ("9 slots", few)] {
+        let mut engine = gpu(&store, options);
+        let mut missed = 0;
+        for (look, s) in other_looks(&store) {
+            engine.forget_bricks();
+            engine.set_picture(s.clone());
+            let mut is_missing = false;
+            let ended = (0..MANY_TICKS).any(|_| {
+                let report = engine.tick(&short).unwrap();
+                is_missing |= report.missing_bricks > 0 && engine.image().is_some();
+                report.converged
+            });
+            assert!(ended, "{look}, {what}: {MANY_TICKS} ticks and no end");
+            missed += usize::from(is_missing);
+            let rendered = oracle.render(&s).unwrap().image;
+            let covered = coverage(&rendered);
+            assert!(covered > 0.05, "{look}: something is seen: {covered}");
+            let live = engine.image().unwrap();
+            assert_same_bits(&rendered, live, &format!("{look}, {what}"));
+        }
+        assert!(
+            missed > 8,
+            "{what}: {missed} looks were shown with bricks missing"
+        );
     }
 }
 
@@ -357,6 +412,54 @@ fn a_new_classification_uploads_no_voxel() {
         difference(&before, &rendered.image, TWIN_BOUND).beyond > 100,
         "it is another one"
     );
+}
+
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn a_new_classification_uploads_no_voxel_of_any_look() {
+    let store = phantom("phantom:body:120,100,130:u16");
+    let mut engine = gpu(&store, EngineOptions::default());
+    let mut oracle = gpu(&store, EngineOptions::default());
+    for (look, s) in other_looks(&store) {
+        engine.forget_bricks();
+        engine.set_picture(s.clone());
+        finish(&mut engine);
+        let stats = engine.statistics().unwrap().unwrap();
+        assert!(stats.bytes_uploaded > Some(0), "{look}: {stats:?}");
+        let before = engine.image().unwrap().clone();
+        let mut other = s.classification.clone();
+        // No more can be seen, and it looks different.
+        if s.mode.projects() {
+            other.transfer.color = ColorCurve::new(
+                vec![ColorPoint {
+                    x: 0.0,
+                    rgb: [0.2, 0.9, 0.5],
+                }],
+                ColorSpace::Rgb,
+            )
+            .unwrap();
+        } else {
+            other.transfer = scenes::transfer(&store.store, 0.3);
+            // Mode xray asks for nothing else.
+            other.opacity_unit_mm = other.opacity_unit_mm.map(|mm| mm / 2.0);
+        }
+        for surface in &mut other.iso {
+            surface.opacity = surface.opacity.max(0.6);
+            surface.color = Vec3::ONE - surface.color;
+        }
+        engine.set_classification(other.clone());
+        finish(&mut engine);
+        let stats = engine.statistics().unwrap().unwrap();
+        assert_eq!(stats.bytes_uploaded, Some(0), "{look}: {stats:?}");
+        let changed = PictureSettings {
+            classification: other,
+            ..s
+        };
+        let rendered = oracle.render(&changed).unwrap().image;
+        assert_same_bits(&rendered, engine.image().unwrap(), look);
+        let changed = difference(&before, &rendered, TWIN_BOUND).beyond;
+        assert!(changed > 100, "{look}: {changed} pixels are others");
+    }
 }
 
 #[test]

@@ -278,6 +278,61 @@ fn bad_raw_options() {
 }
 
 #[test]
+fn bad_pictures() {
+    let folder = Folder::new();
+    let store = folder.brick("phantom:sponge:32,32,32", "s.bsk");
+    let bad = |flags: &str, named: &str, wanted: &[&str]| {
+        let base = ["render", store, "-o", "p.png", "--size", "4x4"];
+        let flags: Vec<&str> = flags.split_whitespace().collect();
+        let args = [&base[..], &["--device", "cpu"], &flags].concat();
+        refused(&folder, &args, named, wanted);
+    };
+    let nine = "--iso 1 --iso 2 --iso 3 --iso 4 --iso 5 --iso 6 --iso 7 --iso 8 --iso 9";
+    let at_most = &["at most 8"];
+    bad(&format!("--mode iso {nine}"), "9 iso-values", at_most);
+    bad(
+        "--mode iso --iso 1..2 --iso 3..4 --iso 5..6 --iso 7..8 --iso 9",
+        "9 iso-values",
+        &["an interval has two", "at most 8"],
+    );
+    bad("--mode iso", "--iso VALUE", &[]);
+    bad(
+        "--technique slab --jitter interleaved",
+        "--technique slab",
+        &["--jitter"],
+    );
+    let values = &["'--iso <VALUE", "VALUE or LOW..HIGH"];
+    for value in ["nan", "inf", "50..10", "50..50", "1..", "..1", "x", ""] {
+        bad(
+            &format!("--mode iso --iso={value}"),
+            &format!("'{value}'"),
+            values,
+        );
+    }
+    bad("--mode iso --iso 3:red", "'3:red'", &["#rrggbb"]);
+    for opacity in ["2", "-0.1", "nan", ""] {
+        let surface = format!("3:#00ff00:{opacity}");
+        let flags = format!("--mode iso --iso {surface}");
+        bad(&flags, &format!("'{surface}'"), &["an opacity from 0 to 1"]);
+    }
+    for (flag, value) in [
+        ("--mode", "mips"),
+        ("--jitter", "blue"),
+        ("--gradient", "sobel"),
+        ("--quality", "best"),
+        ("--tf-mode", "pre"),
+        ("--leap", "maybe"),
+        ("--technique", "magic"),
+    ] {
+        bad(
+            &format!("{flag} {value}"),
+            &format!("'{value}'"),
+            &[flag, "possible values"],
+        );
+    }
+}
+
+#[test]
 fn bad_places() {
     let folder = Folder::new();
     fs::create_dir(folder.file("folder")).expect("a folder");

@@ -124,6 +124,11 @@ fn render_writes_picture_and_statistics() {
         &["--mode", "dvr"][..],
         &["--mode", "mip"],
         &["--mode", "iso", "--iso", "1500"],
+        // In this window the air around the body is bright.
+        &["--mode", "minip", "--window=-1000,3000"],
+        &["--mode", "mean", "--window=-1000,3000"],
+        &["--mode", "xray"],
+        &["--mode", "gradient"],
     ] {
         let args = [&base[..], mode, &["--stats", "s.json"]].concat();
         let run = folder.run(&args).expect(0);

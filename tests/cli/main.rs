@@ -9,6 +9,7 @@ mod data;
 mod extract;
 #[cfg(unix)]
 mod interrupted;
+mod pictures;
 #[cfg(unix)]
 mod resumed;
 mod run;

@@ -1,22 +1,12 @@
 //! The fast CPU renderer held against the reference.
 
 use brickscope::classify::{OpacityCurve, OpacityPoint};
-use brickscope::engine::{EngineOptions, InstructionSet};
+use brickscope::engine::{EngineOptions, InstructionSet, Picture};
 use brickscope::scene::{Mode, PictureSettings, Shading, ShadingModel, Technique, TransferMode};
 use brickscope::volume::VoxelType;
 
 use crate::compare::{assert_same_bits, assert_twins, coverage};
-use crate::scenes::{TestStore, cpu, field, oblique, reference, settings, store_of};
-
-/// A smooth field with structure at every scale and empty parts, over several bricks in each axis.
-pub fn waves(voxel_type: VoxelType) -> TestStore {
-    let mut source = field([70, 45, 52], voxel_type, |p| {
-        let r = (p - 0.5).length();
-        0.5 + 0.5 * (r * 19.0).cos() * (1.0 - r) + 0.1 * (p.x * 40.0).sin() * (p.y * 31.0).cos()
-    });
-    source.desc.world_from_index = oblique();
-    store_of(&mut source)
-}
+use crate::scenes::{TestStore, cpu, field, reference, settings, store_of};
 
 /// Few small blobs: nearly every block is empty, and activity changes from block to block. `inverse`: few small holes.
 pub fn speckle(inverse: bool) -> TestStore {
@@ -28,9 +18,11 @@ pub fn speckle(inverse: bool) -> TestStore {
     }))
 }
 
-/// An unlit picture of `mode`; one of minima shows those, too, that most transfer functions leave transparent.
+/// An unlit picture of `mode`; one of minima shows those, too, that most transfer functions leave transparent. Smaller than
+/// others, as each is drawn with every kind of vector, but of several tiles.
 pub fn picture(store: &TestStore, mode: Mode) -> PictureSettings {
     let mut s = unlit(settings(&store.store, mode));
+    s.size = [96, 96];
     if matches!(mode, Mode::MinIp | Mode::Mean) {
         let meta = store.store.meta();
         let ends = [meta.value_min, meta.value_max].map(|v| meta.rescale.physical(v));
@@ -50,8 +42,8 @@ pub fn preintegrated(mut s: PictureSettings) -> PictureSettings {
 }
 
 /// Draws with every kind of vector, compares with the reference, and demands that there is something to compare. The samples
-/// that the default technique took.
-pub fn check(store: &TestStore, settings: &PictureSettings, what: &str) -> u64 {
+/// that the default technique took, and the reference's picture.
+pub fn check(store: &TestStore, settings: &PictureSettings, what: &str) -> (u64, Picture) {
     let mut taken = 0;
     let truth = reference(store, settings);
     assert!(
@@ -92,7 +84,7 @@ pub fn check(store: &TestStore, settings: &PictureSettings, what: &str) -> u64 {
             }
         }
     }
-    taken
+    (taken, truth)
 }
 
 pub fn unlit(mut s: PictureSettings) -> PictureSettings {

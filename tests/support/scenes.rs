@@ -7,10 +7,10 @@ use brickscope::camera::Camera;
 use brickscope::classify::{
     ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction,
 };
-use brickscope::engine::{DeviceChoice, Engine, EngineOptions, Picture};
+use brickscope::engine::{DeviceChoice, Engine, EngineOptions, Picture, TickBudget};
 use brickscope::scene::{
-    GradientFilter, IsoSurface, Jitter, Mode, PictureSettings, ShadingModel, TransferMode,
-    volume_bounds,
+    GradientFilter, IsoSurface, Jitter, LodChoice, Mode, PictureSettings, ShadingModel,
+    TransferMode, volume_bounds,
 };
 use brickscope::store::Store;
 use brickscope::volume::{VoxelSource, VoxelType};
@@ -67,6 +67,21 @@ pub fn field(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn(DVec3) -> f64
         }
     }
     MemorySource::new(dims, voxel_type, bytes)
+}
+
+/// A field with structure at every scale and with empty regions, over several bricks in each axis, in oblique voxels.
+pub fn waves(voxel_type: VoxelType) -> TestStore {
+    waves_of([70, 45, 52], voxel_type)
+}
+
+/// The same field in as many voxels as `dims` says.
+pub fn waves_of(dims: [u64; 3], voxel_type: VoxelType) -> TestStore {
+    let mut source = field(dims, voxel_type, |p| {
+        let r = (p - 0.5).length();
+        0.5 + 0.5 * (r * 19.0).cos() * (1.0 - r) + 0.1 * (p.x * 40.0).sin() * (p.y * 31.0).cos()
+    });
+    source.desc.world_from_index = oblique();
+    store_of(&mut source)
 }
 
 /// Random single 4³ blocks of 255 in zeros, 96³: the hardest mesh there is.
@@ -251,6 +266,31 @@ pub fn inside(store: &Store, place: DVec3, direction: DVec3) -> Camera {
     }
 }
 
+/// The same picture from inside [`waves`], of which several levels are seen.
+pub fn through_levels(store: &TestStore, mut settings: PictureSettings) -> PictureSettings {
+    settings.camera = inside(
+        &store.store,
+        DVec3::new(0.45, 0.2, 0.5),
+        DVec3::new(0.3, 1.0, 0.2),
+    );
+    // Voxels are 0.8 mm and more, a pixel of 128 is 0.009 mm per mm of distance: level 1 begins at about 15 mm.
+    (settings.lod, settings.lod_error) = (LodChoice::Auto, 12.0);
+    settings
+}
+
+/// A picture of several levels of a volume of some 200³ voxels: from inside, with voxels of a few pixels nearby.
+pub fn many_levels(store: &TestStore, mode: Mode) -> PictureSettings {
+    let mut s = settings(&store.store, mode);
+    s.size = [96, 80];
+    s.camera = inside(
+        &store.store,
+        DVec3::new(0.5, 0.1, 0.45),
+        DVec3::new(0.1, 1.0, 0.2),
+    );
+    s.lod_error = 3.0;
+    s
+}
+
 /// An engine on the software adapter.
 pub fn gpu(store: &TestStore, options: EngineOptions) -> Engine {
     let options = EngineOptions {
@@ -286,4 +326,10 @@ pub fn drawn(store: &TestStore, settings: &PictureSettings) -> Picture {
     gpu(store, EngineOptions::default())
         .render(settings)
         .expect("the GPU draws")
+}
+
+/// Ticks until the picture has converged.
+pub fn tick_to_end(engine: &mut Engine, budget: &TickBudget) {
+    let ended = (0..20_000).any(|_| engine.tick(budget).expect("a tick").converged);
+    assert!(ended, "20 000 ticks and no end");
 }
