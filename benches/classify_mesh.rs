@@ -11,8 +11,7 @@
 mod support;
 
 use brickscope::classify::{
-    Lut, Occupancy, OpacityCorrection, RangeTable, TransferFunction, TransferIntegrals, Visibility,
-    grey_ramp,
+    Lut, Occupancy, OpacityCorrection, TransferFunction, TransferIntegrals, Visibility, grey_ramp,
 };
 use brickscope::geom::{BLOCKS_PER_BRICK, BrickId, Lod};
 use brickscope::pager::scan;
@@ -109,15 +108,32 @@ fn classification(criterion: &mut Criterion) {
                 }
             });
         });
-        let domain = [0.0, FULL_SCALE as f32];
-        group.bench_function(format!("{name}, table made"), |bencher| {
-            bencher.iter(|| RangeTable::new(&visibility, domain));
-        });
-        let table = RangeTable::new(&visibility, domain);
-        group.bench_function(format!("{name}, by the table"), |bencher| {
+    }
+    group.finish();
+
+    // Volumes of bytes: ranges by prefix sums, and by the table made of these.
+    let ramp = grey_ramp(0.6 * 255.0, 255.0, 0.5).expect("a rising ramp");
+    let domain = Lut::fitted_domain(&ramp, IDENTITY, [0.0, 255.0]);
+    let counted = Visibility::opacity(&Lut::bake(&ramp, IDENTITY, domain, CORRECTION));
+    let known: Vec<_> = known
+        .iter()
+        .map(|(_, ranges)| ranges.map(|r| r.map(|v| (v * (255.0 / FULL_SCALE as f32)).floor())))
+        .collect();
+    let mut group = support::group(criterion, "classify/occupancy of bytes");
+    group.throughput(Throughput::Elements(
+        (known.len() * BLOCKS_PER_BRICK) as u64,
+    ));
+    group.bench_function("table made", |bencher| {
+        bencher.iter(|| black_box(&counted).clone().of_bytes());
+    });
+    for (name, visibility) in [
+        ("by prefix sums", counted.clone()),
+        ("by the table", counted.clone().of_bytes()),
+    ] {
+        group.bench_function(name, |bencher| {
             bencher.iter(|| {
-                for (_, ranges) in &known {
-                    black_box(Occupancy::from_table(ranges, &table));
+                for ranges in &known {
+                    black_box(Occupancy::from_ranges(ranges, &visibility));
                 }
             });
         });

@@ -29,6 +29,5 @@ pub use occupancy::Occupancy;
 pub use paraview::{TransferFileError, parse_paraview, read_paraview, to_paraview};
 pub use preintegrated::{PreintegratedTable, SegmentTables, TransferIntegrals};
 pub use presets::{Preset, PresetScale};
-pub use range_table::RangeTable;
 pub use transfer::{TransferFunction, grey_ramp, window_range};
 pub use visibility::{IsoValues, OpacityTable, Visibility};

@@ -1,6 +1,5 @@
 //! The 512 bits of a brick: which of its 8×8×8 blocks (of 4³ voxels) can show something.
 
-use super::range_table::RangeTable;
 use super::visibility::Visibility;
 use crate::geom::{BLOCKS_PER_BRICK, BLOCKS_PER_EDGE};
 
@@ -22,22 +21,10 @@ impl Occupancy {
     /// The blocks whose range (least and greatest stored value, border voxels counted) can be seen; ranges in the order
     /// of the bits.
     pub fn from_ranges(ranges: &[[f32; 2]; BLOCKS_PER_BRICK], visibility: &Visibility) -> Self {
-        Self::of_visible(ranges, |lo, hi| visibility.is_visible(lo, hi))
-    }
-
-    /// The same by the table made of it, outward to its buckets.
-    pub fn from_table(ranges: &[[f32; 2]; BLOCKS_PER_BRICK], table: &RangeTable) -> Self {
-        Self::of_visible(ranges, |lo, hi| table.is_visible(lo, hi))
-    }
-
-    fn of_visible(
-        ranges: &[[f32; 2]; BLOCKS_PER_BRICK],
-        is_visible: impl Fn(f32, f32) -> bool,
-    ) -> Self {
         let mut words = [0; BLOCKS_PER_BRICK / 32];
         for (word, ranges) in words.iter_mut().zip(ranges.chunks_exact(32)) {
             for (bit, &[lo, hi]) in ranges.iter().enumerate() {
-                *word |= u32::from(is_visible(lo, hi)) << bit;
+                *word |= u32::from(visibility.is_visible(lo, hi)) << bit;
             }
         }
         Self(words)

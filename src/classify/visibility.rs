@@ -6,6 +6,7 @@
 
 use super::lut::Lut;
 use super::preintegrated::TransferIntegrals;
+use super::range_table::RangeTable;
 
 /// Roundings of f32 by which a range is widened: interpolating between values of a range can leave it by about three.
 const ROUNDINGS: f32 = 4.0;
@@ -47,6 +48,14 @@ impl Visibility {
         Self::Opacity(OpacityTable::of_integrals(integrals))
     }
 
+    /// The same, for a volume of bytes: ranges of whole bytes are looked up in a table (T4.3) of what the counts say.
+    pub fn of_bytes(self) -> Self {
+        match self {
+            Self::Opacity(counts) => Self::Opacity(counts.of_bytes()),
+            other => other,
+        }
+    }
+
     /// False only if no value from `lo` to `hi` (stored, lo ≤ hi) can be seen. A range with a NaN can.
     pub fn is_visible(&self, lo: f32, hi: f32) -> bool {
         if lo.is_nan() || hi.is_nan() {
@@ -69,6 +78,8 @@ pub struct OpacityTable {
     before: Vec<u16>,
     lo: f32,
     scale: f32,
+    /// What they say of ranges of bytes, where the volume is of bytes.
+    bytes: Option<RangeTable>,
 }
 
 impl OpacityTable {
@@ -97,11 +108,29 @@ impl OpacityTable {
                 count
             }))
             .collect();
-        Self { before, lo, scale }
+        Self {
+            before,
+            lo,
+            scale,
+            bytes: None,
+        }
+    }
+
+    fn of_bytes(self) -> Self {
+        Self {
+            bytes: Some(RangeTable::new(|lo, hi| self.is_counted(lo, hi))),
+            ..self
+        }
     }
 
     /// False only if no value from `lo` to `hi` has opacity.
     fn is_visible(&self, lo: f32, hi: f32) -> bool {
+        let known = self.bytes.as_ref().and_then(|t| t.is_visible(lo, hi));
+        known.unwrap_or_else(|| self.is_counted(lo, hi))
+    }
+
+    /// The same by the counts.
+    fn is_counted(&self, lo: f32, hi: f32) -> bool {
         let slack = ROUNDINGS * f32::EPSILON * lo.abs().max(hi.abs());
         let place = |v: f32| (v - self.lo) * self.scale;
         let last = self.before.len() - 2;
@@ -228,6 +257,22 @@ mod tests {
             let last = (lut.index(hi) as usize + slack).min(LUT_ENTRIES - 1);
             let near = lut.entries()[first..=last].iter().any(|e| e[3] > 0.0);
             prop_assert!(!visible || near, "nothing near [{lo}, {hi}] shows");
+        }
+
+        /// The table of a volume of bytes changes no answer, whole bytes or not.
+        #[test]
+        fn bytes_are_judged_alike(
+            points in proptest::collection::vec((0.0..255.0, 0.0..1.0, 0.0..1.0), 2..12),
+            a in 0_u8..=255,
+            b in 0_u8..=255,
+            beyond in 0.0..2.0_f32,
+        ) {
+            let counted = Visibility::opacity(&lut(&points, [0.0, 255.0]));
+            let looked_up = counted.clone().of_bytes();
+            let [lo, hi] = [a.min(b), a.max(b)].map(f32::from);
+            for hi in [hi, hi + beyond] {
+                prop_assert_eq!(looked_up.is_visible(lo, hi), counted.is_visible(lo, hi));
+            }
         }
 
         /// The same for segments: never invisible where one between two values of the range would show.

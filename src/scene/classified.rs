@@ -130,6 +130,10 @@ impl Classified {
                 &steps,
             )
         });
+        let judge = |visibility: Visibility| match meta.stored_type {
+            StoredType::U8 => visibility.of_bytes(),
+            StoredType::U16 | StoredType::F32 => visibility,
+        };
         let level = |number: usize, step_mm: f64| {
             let correction = match mode {
                 Mode::Dvr | Mode::Xray => OpacityCorrection::Step { step_mm, unit_mm },
@@ -139,14 +143,14 @@ impl Classified {
             let lut = Lut::bake(transfer, line, domain, correction);
             let [floor, ceiling] = value_range;
             ClassifiedLevel {
-                visibility: match (mode, &segments) {
+                visibility: judge(match (mode, &segments) {
                     (Mode::Dvr, Some((integrals, _))) => Visibility::preintegrated(integrals),
                     (Mode::Dvr | Mode::Xray | Mode::Gradient, _) => Visibility::opacity(&lut),
                     (Mode::Mip, _) => Visibility::AboveMinimum { floor },
                     (Mode::MinIp, _) => Visibility::BelowMaximum { ceiling },
                     (Mode::Mean, _) => Visibility::All,
                     (Mode::Iso, _) => Visibility::iso(&values, value_range),
-                },
+                }),
                 preintegrated: segments
                     .as_ref()
                     .map(|(_, tables)| Arc::clone(&tables[number])),
