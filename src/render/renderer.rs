@@ -363,8 +363,7 @@ impl Renderer {
             &self.frame,
             several,
             cells,
-            &mut groups,
-            &mut self.timer,
+            (&mut groups, &mut self.timer),
         )?;
         if flow == Flow::Layers {
             // In the order of their layers.

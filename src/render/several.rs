@@ -189,8 +189,7 @@ impl SeveralPasses {
         frame: &FrameBindings,
         targets: Option<&SeveralTargets>,
         (tile, most): (&Tile, u32),
-        groups: &mut Vec<u32>,
-        timer: &mut PassTimer,
+        (groups, timer): (&mut Vec<u32>, &mut PassTimer),
     ) -> Result<Passes, GpuError> {
         let Some(targets) = targets else {
             return Ok(Passes::Once);
@@ -212,8 +211,7 @@ impl SeveralPasses {
                     gpu,
                     inputs,
                     frame,
-                    &targets.rays,
-                    cells,
+                    (&targets.rays, cells),
                     groups.len() as u32,
                     timer,
                 )?;

@@ -9,7 +9,7 @@ use crate::bench::summary::{mean, median, rounded};
 use crate::bench::turn::Turn;
 use crate::clock::Stopwatch;
 use crate::engine::{ActiveShare, Engine, EngineError, Picture};
-use crate::scene::{Image, PictureSettings};
+use crate::scene::{CellSamples, Image, PictureSettings};
 
 /// Cameras of the whole turn, of which some are timed: a degree from one to the next.
 const CAMERAS: u32 = 360;
@@ -33,6 +33,9 @@ struct Measured {
     contributing: Vec<f64>,
     /// Against the exact pictures, frame by frame.
     differences: Vec<Difference>,
+    /// Of technique layers, frame by frame: nodes, passes, and means over the cells of their layers and of the most that a ray
+    /// took.
+    layers: Vec<[f64; 4]>,
     active: Option<ActiveShare>,
     /// Of the samples nearest to the eye.
     level: Option<u8>,
@@ -243,6 +246,7 @@ impl SeedJob {
                 (all > 0).then(|| rounded_share(part as f64 / all as f64))
             };
             let time = |times: &[f64]| median(times).map(rounded);
+            let of_layers = |n: usize| mean(own.layers.iter().map(|l| l[n])).map(rounded);
             SeedRow {
                 table: comparison.table.name().into(),
                 vol: self.vol.clone(),
@@ -281,6 +285,10 @@ impl SeedJob {
                 error_against: column.exact.map(|n| comparison.columns[n].name.clone()),
                 error_rms: difference.map(|d| rounded(d.rms)),
                 error_p99_9: difference.map(|d| rounded(d.p99_9)),
+                layer_nodes: of_layers(0),
+                layer_passes: of_layers(1),
+                cell_layers: of_layers(2),
+                cell_most: of_layers(3),
                 bricks_active: of_active(|a| [a.bricks_active, a.bricks]),
                 blocks_active: of_active(|a| [a.blocks_active, a.blocks]),
                 note: own.refused.clone(),
@@ -318,6 +326,17 @@ impl Measured {
         let contributing = stats.samples_contributing;
         self.contributing
             .extend(contributing.map(|n| n as f64 / pixels));
+        self.layers.extend(stats.layers.as_ref().map(|layers| {
+            let of_cells = |part: fn(&CellSamples) -> u32| {
+                mean(layers.cells.iter().map(|c| f64::from(part(c)))).unwrap_or(0.0)
+            };
+            [
+                layers.nodes as f64,
+                layers.passes as f64,
+                of_cells(|c| c.layers),
+                of_cells(|c| c.most),
+            ]
+        }));
         self.level = Some(stats.lod);
         self.device.clone_from(&stats.device);
         self.adapter.clone_from(&stats.adapter);

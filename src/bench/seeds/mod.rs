@@ -179,6 +179,14 @@ pub struct SeedRow {
     pub error_rms: Option<f64>,
     /// The 99.9th percentile over the pixels, likewise.
     pub error_p99_9: Option<f64>,
+    /// Of technique layers, per frame: nodes of the quadtree.
+    pub layer_nodes: Option<f64>,
+    /// Passes over them.
+    pub layer_passes: Option<f64>,
+    /// Layers of a cell of 16×16 pixels: the most samples that one of its rays may have to take (mean over the cells).
+    pub cell_layers: Option<f64>,
+    /// The most samples that one of them took (mean).
+    pub cell_most: Option<f64>,
     /// Share of the level's bricks that have an active block.
     pub bricks_active: Option<f64>,
     /// Share of its blocks of 4³ voxels that are active.

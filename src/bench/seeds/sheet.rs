@@ -38,11 +38,11 @@ fn section(table: SeedTable, rows: &[&SeedRow]) -> String {
             theirs::T2_STEPS[0],
             theirs::T2_STEPS[1]
         )),
-        SeedTable::T3 => lines.push(
+        SeedTable::T3 => lines.extend(layers(rows).into_iter().chain([
             "theirs are one-pass layers ÷ layers of equal size; basic here is no layers: each ray in one pass through the \
              bounding box"
                 .into(),
-        ),
+        ])),
         SeedTable::T4 => lines.extend(contributing(rows)),
         SeedTable::T1 | SeedTable::T5 => {}
     }
@@ -147,6 +147,23 @@ fn active(rows: &[&SeedRow]) -> Vec<String> {
         .collect()
 }
 
+/// What the quadtree did.
+fn layers(rows: &[&SeedRow]) -> Vec<String> {
+    rows.iter()
+        .filter_map(|row| {
+            Some(format!(
+                "{} of {}: {:.0} nodes, {:.0} passes a frame; a cell of 16² pixels has {:.0} layers, of which a ray takes {:.0} at most (means)",
+                row.configuration,
+                row.subject(),
+                row.layer_nodes?,
+                row.layer_passes?,
+                row.cell_layers?,
+                row.cell_most?
+            ))
+        })
+        .collect()
+}
+
 /// Which share of the plain caster's samples changes the picture.
 fn contributing(rows: &[&SeedRow]) -> Vec<String> {
     rows.iter()
@@ -238,6 +255,10 @@ mod tests {
             error_against: None,
             error_rms: None,
             error_p99_9: None,
+            layer_nodes: None,
+            layer_passes: None,
+            cell_layers: None,
+            cell_most: None,
             bricks_active: None,
             blocks_active: None,
             note: None,

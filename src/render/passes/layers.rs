@@ -159,8 +159,7 @@ impl LayersPass {
         gpu: &GpuContext,
         inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
-        host_group: &wgpu::BindGroup,
-        targets: &LayersTargets,
+        (host_group, targets): (&wgpu::BindGroup, &LayersTargets),
         groups: u32,
         timer: &mut PassTimer,
     ) -> Result<Vec<u32>, GpuError> {
