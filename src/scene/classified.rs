@@ -25,7 +25,7 @@ pub enum SceneError {
     NoIsoValue,
     /// More surfaces than there is room for.
     #[error(
-        "{asked} iso-values, and at most {} fit one picture; give fewer --iso",
+        "{asked} iso-values (an interval has two), and at most {} fit one picture; give fewer --iso",
         IsoSurface::MOST
     )]
     #[expect(missing_docs, reason = "the message names it")]
