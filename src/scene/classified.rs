@@ -79,7 +79,7 @@ pub struct ClassifiedSurface {
     pub value: f32,
     /// Display colour.
     pub color: Vec3,
-    /// In (0, 1].
+    /// In [0, 1].
     pub opacity: f32,
 }
 

@@ -74,7 +74,7 @@ pub struct IsoSurface {
     pub value: f64,
     /// Display colour, 0–1.
     pub color: Vec3,
-    /// 1 ends the ray; less lets what is behind shine through. In (0, 1].
+    /// 1 ends the ray; less lets what is behind shine through; 0 can't be seen. In [0, 1].
     pub opacity: f32,
 }
 
