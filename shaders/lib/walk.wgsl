@@ -87,12 +87,11 @@ fn walk_activity(ray: Ray, walk: Walk, brick: vec3i) -> u32 {
 // Finds the next run; false when there is none. The caller takes samples walk.first ..= walk.last.
 fn walk_next(ray: Ray, walk: ptr<function, Walk>) -> bool {
     let bricks = ray.grid.last + 1;
-    // No sample is better than the volume's best.
-    if EXTREME && (*walk).greatest >= frame.extreme_end {
-        return false;
-    }
+    // No sample is better than the volume's best. No condition of its own: at a draft's beginning it would depend on uniforms
+    // alone, and lavapipe would compile the shader anew for every frame.
+    let end = select((*walk).end, -1e30, EXTREME & ((*walk).greatest >= frame.extreme_end));
     loop {
-        if (*walk).at > (*walk).end {
+        if (*walk).at > end {
             return false;
         }
         let brick = (*walk).block >> vec3u(BLOCKS_SHIFT);
