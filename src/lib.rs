@@ -13,6 +13,7 @@ pub mod bench;
 pub mod bricking;
 pub mod camera;
 pub mod classify;
+pub mod clip;
 pub mod cli;
 pub mod clock;
 pub mod cpu;

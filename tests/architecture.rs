@@ -40,7 +40,7 @@ const MODULES: &[Module] = &[
     module(
         3,
         "scene",
-        &["store", "camera", "classify", "volume", "geom"],
+        &["store", "camera", "classify", "clip", "volume", "geom"],
     ),
     module(4, "path", &["store", "volume", "camera", "geom"]),
     module(4, "gpu", &["geom"]),
@@ -61,7 +61,9 @@ const MODULES: &[Module] = &[
     module(
         5,
         "cpu",
-        &["store", "volume", "classify", "camera", "geom", "scene"],
+        &[
+            "store", "volume", "classify", "clip", "camera", "geom", "scene",
+        ],
     ),
     module(
         6,

@@ -1,0 +1,207 @@
+//! All that cuts a picture's volume or is drawn with it, and what it makes of a ray.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+
+use super::{Crossing, Plane, TriangleMesh};
+
+/// Which side of a closed mesh is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Side {
+    /// Where the mesh winds around a point.
+    Inside,
+    /// Where it does not.
+    Outside,
+}
+
+/// A closed mesh that cuts the volume.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClipMesh {
+    /// Closed: [`TriangleMesh::check_closed`].
+    pub mesh: Arc<TriangleMesh>,
+    /// What is kept.
+    pub side: Side,
+}
+
+/// A mesh that is drawn with the volume, itself never cut.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SurfaceMesh {
+    /// Any mesh.
+    pub mesh: Arc<TriangleMesh>,
+    /// Display colour, 0–1.
+    pub color: Vec3,
+    /// In (0, 1]; 1 ends rays.
+    pub opacity: f32,
+}
+
+/// What cuts the volume, all of it by intersection, and what is drawn with it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Geometry {
+    /// Half spaces that are kept; a box is six of them.
+    pub planes: Vec<Plane>,
+    /// Closed meshes, at most [`Self::MOST_CLIP_MESHES`].
+    pub clip_meshes: Vec<ClipMesh>,
+    /// Drawn at their depth.
+    pub surfaces: Vec<SurfaceMesh>,
+}
+
+/// A part of a ray in which the volume is sampled, and the layer that lies at its end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Span {
+    /// Where it begins, mm from the ray's origin; samples at `begin_mm ≤ t < end_mm` are taken.
+    pub begin_mm: f64,
+    /// Where it ends; not behind `begin_mm` where there is no volume in front of the layer. Infinite at a ray's last.
+    pub end_mm: f64,
+    /// Where it begins at a cut face: that face's unit normal, towards the ray's origin.
+    pub cut: Option<DVec3>,
+    /// What is composited behind it.
+    pub layer: Option<Layer>,
+}
+
+/// Where a ray meets a mesh that is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    /// Which of [`Geometry::surfaces`].
+    pub surface: usize,
+    /// Its distance, mm from the ray's origin.
+    pub at_mm: f64,
+    /// Unit normal there, interpolated between the triangle's corners.
+    pub normal: DVec3,
+}
+
+/// What a ray meets.
+#[derive(Clone, Copy, Debug)]
+struct Event {
+    crossing: Crossing,
+    /// Numbers clip meshes, then surfaces.
+    id: usize,
+}
+
+impl Geometry {
+    /// Most clip meshes: what the GPU counts windings of.
+    pub const MOST_CLIP_MESHES: usize = 16;
+
+    /// Is there nothing that cuts and nothing to draw?
+    pub fn is_empty(&self) -> bool {
+        self.planes.is_empty() && self.clip_meshes.is_empty() && self.surfaces.is_empty()
+    }
+
+    /// The part of the ray that all planes keep, mm, from `near_mm`; the plane that it begins at. Empty when the first is not
+    /// less than the second.
+    fn kept_by_planes(&self, origin: DVec3, direction: DVec3, near_mm: f64) -> ([f64; 2], Option<DVec3>) {
+        let mut kept = [near_mm, f64::INFINITY];
+        let mut cut = None;
+        for plane in &self.planes {
+            let (distance, slope) = (plane.distance(origin), plane.normal().dot(direction));
+            if slope > 0.0 {
+                if -distance / slope > kept[0] {
+                    kept[0] = -distance / slope;
+                    cut = Some(-plane.normal());
+                }
+            } else if slope < 0.0 {
+                kept[1] = kept[1].min(-distance / slope);
+            } else if distance < 0.0 {
+                kept[1] = f64::NEG_INFINITY;
+            }
+        }
+        (kept, cut)
+    }
+
+    /// Everything the ray meets behind `near_mm`, by distance, then mesh, then triangle.
+    fn events(&self, origin: DVec3, direction: DVec3, near_mm: f64) -> Vec<Event> {
+        let clips = self.clip_meshes.iter().map(|c| &c.mesh);
+        let surfaces = self.surfaces.iter().map(|s| &s.mesh);
+        let mut events = Vec::new();
+        let mut crossings = Vec::new();
+        for (id, mesh) in clips.chain(surfaces).enumerate() {
+            crossings.clear();
+            mesh.crossings(origin, direction, &mut crossings);
+            let behind = crossings.iter().filter(|c| c.at_mm > near_mm);
+            events.extend(behind.map(|&crossing| Event { crossing, id }));
+        }
+        let key = |e: &Event| (e.id, e.crossing.triangle);
+        events.sort_by(|a, b| {
+            let by_distance = a.crossing.at_mm.total_cmp(&b.crossing.at_mm);
+            by_distance.then_with(|| key(a).cmp(&key(b)))
+        });
+        events
+    }
+
+    /// The spans of the ray from `origin` along `direction` (unit), in order; the first begins at `near_mm` or behind it.
+    /// A ray ends at the first opaque surface. Spans without volume and without a layer are left out.
+    ///
+    /// A point is inside a closed mesh where the mesh winds around it (non-zero rule). The winding is counted from the far
+    /// end, where it is 0: what lies between the eye and the near plane does not matter.
+    pub fn spans(&self, origin: DVec3, direction: DVec3, near_mm: f64) -> Vec<Span> {
+        let events = self.events(origin, direction, near_mm);
+        let clips = self.clip_meshes.len();
+        let mut windings = vec![0_i32; clips];
+        for event in events.iter().filter(|e| e.id < clips) {
+            windings[event.id] -= if event.crossing.enters { 1 } else { -1 };
+        }
+        let keeps = |windings: &[i32]| {
+            let sides = self.clip_meshes.iter().map(|c| c.side);
+            windings
+                .iter()
+                .zip(sides)
+                .all(|(&w, side)| (w != 0) == (side == Side::Inside))
+        };
+        let ([first_mm, last_mm], plane_cut) = self.kept_by_planes(origin, direction, near_mm);
+
+        let mut spans = Vec::new();
+        let mut push = |span: Span| {
+            if span.layer.is_some() || span.begin_mm < span.end_mm {
+                spans.push(span);
+            }
+        };
+        let mut is_kept = keeps(&windings);
+        // Where the part began that is kept, and the face there.
+        let mut begin = (near_mm, None);
+        let span_to = |begin: (f64, Option<DVec3>), end_mm: f64, is_kept: bool, layer| {
+            let (begin_mm, cut) = if begin.0 < first_mm {
+                (first_mm, plane_cut)
+            } else {
+                begin
+            };
+            let end_mm = end_mm.min(last_mm);
+            Span {
+                begin_mm,
+                end_mm: if is_kept { end_mm } else { f64::NEG_INFINITY },
+                cut,
+                layer,
+            }
+        };
+        for event in events {
+            let at_mm = event.crossing.at_mm;
+            if let Some(surface) = event.id.checked_sub(clips) {
+                let mesh = &self.surfaces[surface].mesh;
+                let layer = Layer {
+                    surface,
+                    at_mm,
+                    normal: mesh.normal_at(event.crossing.triangle, origin + direction * at_mm),
+                };
+                push(span_to(begin, at_mm, is_kept, Some(layer)));
+                begin = (at_mm, None);
+                if self.surfaces[surface].opacity >= 1.0 {
+                    return spans;
+                }
+                continue;
+            }
+            windings[event.id] += if event.crossing.enters { 1 } else { -1 };
+            let keeps = keeps(&windings);
+            if keeps == is_kept {
+                continue;
+            }
+            if keeps {
+                let normal = self.clip_meshes[event.id].mesh.face_normal(event.crossing.triangle);
+                begin = (at_mm, Some(-normal * normal.dot(direction).signum()));
+            } else {
+                push(span_to(begin, at_mm, true, None));
+            }
+            is_kept = keeps;
+        }
+        push(span_to(begin, f64::INFINITY, is_kept, None));
+        spans
+    }
+}
