@@ -196,3 +196,79 @@ fn weld(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(Vec<DVec3>, Vec<K
     }
     Ok((welded, kept))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Five triangles of which two are the same places under other numbers, one is a line and one a point.
+    #[test]
+    fn vertices_are_welded_and_degenerate_triangles_dropped() {
+        let vertices = vec![
+            DVec3::new(9.0, 9.0, 9.0),
+            DVec3::ZERO,
+            DVec3::X,
+            DVec3::Y,
+            DVec3::new(-0.0, 0.0, -0.0),
+            DVec3::X,
+            DVec3::new(0.0, -1.0, 0.0),
+        ];
+        let triangles = vec![[1, 2, 3], [1, 4, 2], [3, 3, 3], [4, 6, 5]];
+        let mesh = TriangleMesh::new(vertices, triangles, None).unwrap();
+        assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 3, 1]]);
+        assert_eq!(
+            mesh.vertices(),
+            [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::NEG_Y]
+        );
+        assert!(mesh.vertices()[0].x.is_sign_positive());
+        let bounds = Aabb::new(DVec3::new(0.0, -1.0, 0.0), DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(
+            mesh.bounds(),
+            bounds,
+            "a vertex without triangles does not count"
+        );
+        let shown = format!("{mesh:?}");
+        assert_eq!(shown, "TriangleMesh { vertices: 4, triangles: 2, .. }");
+    }
+
+    #[test]
+    fn what_is_no_mesh_is_refused() {
+        let message = |vertices: &[DVec3], triangles: &[[u32; 3]], normals: Option<Vec<Vec3>>| {
+            TriangleMesh::new(vertices.to_vec(), triangles.to_vec(), normals)
+                .unwrap_err()
+                .to_string()
+        };
+        let three = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let found = message(&three, &[[0, 1, 2], [0, 1, 3]], None);
+        assert!(
+            found.contains("triangle 1: expected vertices 0 to 2, found 3"),
+            "{found}"
+        );
+        for bad in [f64::NAN, f64::INFINITY, 2e9] {
+            let found = message(&[DVec3::ZERO, DVec3::X * bad, DVec3::Y], &[[0, 1, 2]], None);
+            assert!(
+                found.contains("vertex 1: expected coordinates within"),
+                "{found}"
+            );
+        }
+        let found = message(&three, &[[0, 1, 1]], None);
+        assert!(
+            found.contains("no triangles") && found.contains("1 have fewer"),
+            "{found}"
+        );
+        assert!(message(&[], &[], None).contains("no triangles"));
+        let found = message(&three, &[[0, 1, 2]], Some(vec![Vec3::X]));
+        assert!(found.contains("1 normals and 3 vertices"), "{found}");
+    }
+
+    #[test]
+    fn a_mesh_stays_equal_to_itself_when_rays_were_cast() {
+        let mesh = TriangleMesh::sphere(DVec3::ZERO, 1.0, 1).unwrap();
+        let copy = mesh.clone();
+        let mut out = Vec::new();
+        mesh.crossings(DVec3::ZERO, DVec3::X, &mut out);
+        assert_eq!(out.len(), 1);
+        assert_eq!(mesh, copy);
+        assert_ne!(mesh, TriangleMesh::sphere(DVec3::ZERO, 2.0, 1).unwrap());
+    }
+}

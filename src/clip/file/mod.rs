@@ -6,7 +6,12 @@
 //! either, refuses comments that are not UTF-8, and panics at some indices (in debug builds, where sums overflow). `ply-rs-bw`
 //! 4.0 never ends at a binary element without properties and a great count. What these formats need of one is short.
 
+mod obj;
+mod ply;
 mod problem;
 mod read;
 mod stl;
 mod text;
+
+#[cfg(test)]
+mod tests;

@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::Path;
 
 use super::problem::{Subject, quoted};
-use super::stl;
+use super::{obj, ply, stl};
 use crate::clip::{MeshError, TriangleMesh};
 
 impl TriangleMesh {
@@ -37,17 +37,25 @@ impl TriangleMesh {
 }
 
 /// The mesh of a file's bytes.
-fn parse(path: &Path, bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
     let subject = Subject(path);
     let is_named = |ending: &str| {
         path.extension()
             .is_some_and(|e| e.eq_ignore_ascii_case(ending))
     };
+    if ply::is_ply(bytes) {
+        return ply::read(subject, bytes);
+    }
     if stl::is_binary(bytes) {
         return stl::binary(subject, bytes);
     }
+    // Editors put a mark before text.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     if stl::is_text(bytes) {
         return stl::text(subject, bytes);
+    }
+    if is_named("obj") || obj::is_obj(bytes) {
+        return obj::read(subject, bytes);
     }
     if is_named("stl") {
         return stl::binary(subject, bytes);

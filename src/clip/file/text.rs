@@ -49,10 +49,13 @@ impl<'a> Words<'a> {
             }
         }
         let rest = &self.bytes[self.at..];
-        let length = rest
+        let mut length = rest
             .iter()
             .position(u8::is_ascii_whitespace)
             .unwrap_or(rest.len());
+        if rest[..length].ends_with(b"\\") && matches!(rest[length..], [b'\n' | b'\r', ..]) {
+            length -= 1;
+        }
         self.at += length;
         (length > 0).then_some(&rest[..length])
     }
@@ -88,6 +91,12 @@ impl<'a> Words<'a> {
         let found = found.map_or_else(|| "nothing more".to_owned(), quoted);
         self.subject
             .malformed(format!("line {}", self.line), expected, found)
+    }
+
+    /// An error at the last word: there are too few.
+    pub(super) fn malformed_count(&self, expected: &str, count: usize) -> MeshError {
+        self.subject
+            .malformed(format!("line {}", self.line), expected, count.to_string())
     }
 
     /// The next word of the file, which must be `keyword` in any case.

@@ -227,6 +227,32 @@ mod tests {
         }
     }
 
+    /// Where nothing is round: turned, moved far, and rays that come from anywhere.
+    #[test]
+    fn rays_at_vertices_of_a_turned_mesh_far_away_are_balanced() {
+        let turn = glam::DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -2.0);
+        let place = |v: &DVec3| turn * *v * 70.0 + DVec3::new(9e4, -3e5, 12.0);
+        let cube = fine_cube(5);
+        let vertices: Vec<DVec3> = cube.vertices().iter().map(place).collect();
+        let mesh = TriangleMesh::new(vertices, cube.triangles().to_vec(), None).unwrap();
+        let aims: Vec<(DVec3, DVec3)> = aims(&cube).into_iter().zip(aims(&mesh)).collect();
+        let mut crossed = 0;
+        for (a, from) in aims.iter().step_by(7) {
+            for (b, to) in aims.iter().step_by(3).filter(|to| to.1 != *from) {
+                let direction = (*to - *from).normalize();
+                let found = crossings(&mesh, *from - 1e3 * direction, direction);
+                assert_eq!(balance(&found), 0, "{from} to {to}: {found:?}");
+                // Within a side, which rounding has made uneven, anything may be crossed.
+                let is_within = (0..3).any(|k| a[k].abs() == 1.0 && a[k] == b[k]);
+                if !is_within {
+                    assert_eq!(found.len(), 2, "{from} to {to}: {found:?}");
+                    crossed += 1;
+                }
+            }
+        }
+        assert!(crossed > 10_000, "{crossed} rays through");
+    }
+
     /// Along axes and diagonals, through vertices, along edges and within sides: exact ties of every kind.
     #[test]
     fn rays_along_a_grid_of_vertices_are_balanced_and_counted_once() {

@@ -119,3 +119,99 @@ impl TriangleMesh {
             .unwrap_or_else(|| self.face_normal(triangle))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cube_keeps_its_edges() {
+        let cube = TriangleMesh::cuboid(DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0)).unwrap();
+        for t in 0..12 {
+            let own = cube.face_normal(t);
+            assert_eq!(own.abs().element_sum(), 1.0, "along an axis: {own}");
+            assert_eq!(cube.corner_normals()[t as usize], [own.as_vec3(); 3]);
+        }
+    }
+
+    #[test]
+    fn a_sphere_is_smooth() {
+        let sphere = TriangleMesh::sphere(DVec3::ZERO, 10.0, 3).unwrap();
+        for t in 0..sphere.triangle_count() as u32 {
+            let corners = sphere.corners(t);
+            for corner in corners {
+                let normal = sphere.normal_at(t, corner);
+                assert!(normal.dot(corner / 10.0) > 0.9999, "{normal} at {corner}");
+            }
+            let middle = (corners[0] + corners[1]) / 2.0;
+            let radial = middle.normalize();
+            let (smooth, flat) = (sphere.normal_at(t, middle), sphere.face_normal(t));
+            assert!(smooth.dot(radial) > 0.9999, "{smooth} at {middle}");
+            assert!(flat.dot(radial) < 0.9999, "the faces themselves are not");
+            // Moved out of the triangle, its rim is what counts.
+            let apart = middle + (middle - corners[2]);
+            assert!(sphere.normal_at(t, apart).distance(smooth) < 1e-3);
+        }
+    }
+
+    /// A weight by number of triangles would lean to the side that is divided once more.
+    #[test]
+    fn means_are_weighted_by_angles() {
+        let at = |x: f64, y: f64, slope: f64| DVec3::new(x, y, slope * x.abs());
+        let vertices = vec![
+            DVec3::ZERO,
+            at(1.0, -1.0, -0.1),
+            at(1.0, 1.0, -0.1),
+            at(-1.0, 1.0, -0.1),
+            at(-1.0, -1.0, -0.1),
+            at(1.0, 0.0, -0.1),
+        ];
+        // Right of the ridge two triangles, left one over the same angle.
+        let triangles = vec![[0, 1, 5], [0, 5, 2], [0, 3, 4]];
+        let mesh = TriangleMesh::new(vertices, triangles, None).unwrap();
+        let normal = mesh.corner_normals()[0][0];
+        assert!(normal.x.abs() < 1e-7 && normal.z > 0.9, "{normal}");
+    }
+
+    #[test]
+    fn given_normals_win_and_get_length_1() {
+        let cube = TriangleMesh::cuboid(DVec3::ZERO, DVec3::ONE).unwrap();
+        let mut given = vec![Vec3::new(0.0, 3.0, 4.0); 8];
+        given[0] = Vec3::ZERO;
+        given[1] = Vec3::new(f32::NAN, 0.0, 0.0);
+        let (vertices, triangles) = (cube.vertices().to_vec(), cube.triangles().to_vec());
+        let mesh = TriangleMesh::new(vertices, triangles, Some(given)).unwrap();
+        for (t, corners) in mesh.triangles().iter().enumerate() {
+            for (corner, &v) in corners.iter().enumerate() {
+                let expected = if v < 2 {
+                    mesh.face_normal(t as u32).as_vec3()
+                } else {
+                    Vec3::new(0.0, 0.6, 0.8)
+                };
+                let found = mesh.corner_normals()[t][corner];
+                assert!(found.distance(expected) < 1e-6, "{found}, not {expected}");
+            }
+        }
+    }
+
+    /// Tiny, huge and without area: still of length 1.
+    #[test]
+    fn every_triangle_has_a_unit_normal() {
+        for size in [1e-300, 1e-9, 1.0, 1e9] {
+            for third in [DVec3::new(0.3, 0.7, 0.2), DVec3::new(0.5, 0.0, 0.0)] {
+                let vertices = vec![DVec3::ZERO, DVec3::X * size, third * size];
+                let mesh = TriangleMesh::new(vertices.clone(), vec![[0, 1, 2]], None).unwrap();
+                let at = mesh.normal_at(0, vertices[1] * 0.4);
+                for normal in [
+                    mesh.face_normal(0),
+                    at,
+                    mesh.corner_normals()[0][2].as_dvec3(),
+                ] {
+                    let length = normal.length();
+                    assert!((length - 1.0).abs() < 1e-6, "{normal} at {size} mm");
+                    assert!(normal.dot(DVec3::X).abs() < 1e-6, "{normal} at {size} mm");
+                }
+            }
+        }
+    }
+}

@@ -136,3 +136,134 @@ impl TriangleMesh {
         Ok(mesh)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn ball() -> TriangleMesh {
+        TriangleMesh::sphere(DVec3::new(5.0, 6.0, 7.0), 2.0, 2).unwrap()
+    }
+
+    fn mesh(vertices: &[DVec3], triangles: Vec<[u32; 3]>) -> TriangleMesh {
+        TriangleMesh::new(vertices.to_vec(), triangles, None).unwrap()
+    }
+
+    /// Both in one.
+    fn both(a: &TriangleMesh, b: &TriangleMesh) -> TriangleMesh {
+        let vertices = [a.vertices(), b.vertices()].concat();
+        let behind = b
+            .triangles()
+            .iter()
+            .map(|t| t.map(|v| v + a.vertices().len() as u32));
+        let triangles = a.triangles().iter().copied().chain(behind).collect();
+        mesh(&vertices, triangles)
+    }
+
+    #[test]
+    fn a_missing_triangle_is_found_and_named() {
+        let ball = ball();
+        for missing in [0, 17, ball.triangle_count() - 1] {
+            let mut triangles = ball.triangles().to_vec();
+            triangles.remove(missing);
+            let holed = mesh(ball.vertices(), triangles);
+            let rim = ball.corners(missing as u32);
+            let error = holed.check_closed().unwrap_err();
+            let MeshError::Open { edges, from, to } = error else {
+                panic!("{error}");
+            };
+            assert_eq!(edges, 3);
+            assert!(rim.contains(&from) && rim.contains(&to) && from != to);
+            assert!(error.to_string().contains(&from.to_string()), "{error}");
+            assert!(holed.into_closed().is_err());
+        }
+    }
+
+    #[test]
+    fn shells_may_touch_and_lie_in_each_other() {
+        let cube = |low: [f64; 3]| {
+            let low = DVec3::from_array(low);
+            TriangleMesh::cuboid(low, low + 1.0).unwrap()
+        };
+        let first = cube([0.0; 3]);
+        // At a side, along an edge, at a corner, apart.
+        for low in [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0; 3], [4.0; 3]] {
+            let pair = both(&first, &cube(low));
+            assert_eq!(pair.triangle_count(), 24);
+            pair.check_closed()
+                .unwrap_or_else(|e| panic!("{low:?}: {e}"));
+            let oriented = pair.clone().into_closed().unwrap();
+            assert_eq!(oriented, pair, "{low:?}: nothing to turn");
+        }
+        let shell = |radius| TriangleMesh::sphere(DVec3::ZERO, radius, 1).unwrap();
+        let hollow = both(&shell(2.0), &shell(-1.0));
+        assert_eq!(
+            hollow.clone().into_closed().unwrap(),
+            hollow,
+            "shells keep their sides"
+        );
+    }
+
+    /// The hemi-icosahedron: every edge belongs to two triangles, yet it has one side only.
+    #[test]
+    fn a_projective_plane_has_no_outside() {
+        let triangles = [
+            [0, 1, 2],
+            [0, 2, 3],
+            [0, 3, 4],
+            [0, 4, 5],
+            [0, 5, 1],
+            [1, 2, 4],
+            [2, 3, 5],
+            [3, 4, 1],
+            [4, 5, 2],
+            [5, 1, 3],
+        ];
+        let vertices: Vec<DVec3> = (0..6_i32)
+            .map(|i| DVec3::new(f64::from(i), f64::from(i * i), f64::from(i.pow(3))))
+            .collect();
+        let error = mesh(&vertices, triangles.to_vec())
+            .into_closed()
+            .unwrap_err();
+        assert!(
+            matches!(error, MeshError::Orientation { edges: 1.., .. }),
+            "{error}"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn triangles_that_are_turned_over_are_turned_back(
+            turned in prop::collection::vec(any::<prop::sample::Index>(), 1..100),
+        ) {
+            let ball = ball();
+            let mut triangles = ball.triangles().to_vec();
+            let mut is_turned = vec![false; triangles.len()];
+            for index in turned {
+                let index = index.index(triangles.len());
+                if !std::mem::replace(&mut is_turned[index], true) {
+                    triangles[index].swap(1, 2);
+                }
+            }
+            // Less than half, so that the others win.
+            let turned = TriangleMesh::new(ball.vertices().to_vec(), triangles, None).unwrap();
+            let error = turned.check_closed().unwrap_err();
+            prop_assert!(matches!(error, MeshError::Orientation { .. }), "{}", error);
+            let closed = turned.into_closed().unwrap();
+            let place = |m: &TriangleMesh, t: u32| {
+                let mut corners = m.corners(t).map(|v| v.to_array().map(f64::to_bits));
+                let least = (0..3).min_by_key(|&i| corners[i]).unwrap();
+                corners.rotate_left(least);
+                corners
+            };
+            for t in 0..ball.triangle_count() as u32 {
+                prop_assert_eq!(place(&closed, t), place(&ball, t));
+                let normal = closed.corner_normals()[t as usize][0].as_dvec3();
+                prop_assert!(normal.dot(ball.face_normal(t)) > 0.9, "normals follow");
+            }
+        }
+    }
+}
