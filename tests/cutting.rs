@@ -15,7 +15,9 @@ mod scenes;
 
 use std::sync::Arc;
 
-use brickscope::clip::{ClipMesh, Geometry, OrientedBox, Plane, Side, SurfaceMesh, TriangleMesh};
+use brickscope::clip::{
+    ClipMesh, CutFaces, Geometry, OrientedBox, Plane, Side, SurfaceMesh, TriangleMesh,
+};
 use brickscope::scene::{PictureSettings, volume_bounds};
 use brickscope::volume::VoxelType;
 use compare::{Difference, TWIN_BOUND, coverage, difference};
@@ -82,7 +84,10 @@ fn geometries(store: &TestStore) -> Vec<(&'static str, Geometry)> {
     vec![
         ("a plane", planes(vec![one])),
         ("a box", planes(turned.planes().to_vec())),
-        ("a box and a plane", planes([turned.planes().as_slice(), &[one]].concat())),
+        (
+            "a box and a plane",
+            planes([turned.planes().as_slice(), &[one]].concat()),
+        ),
         ("inside a mesh", clips(vec![clip(&large, Side::Inside)])),
         ("outside a mesh", clips(vec![clip(&large, Side::Outside)])),
         (
@@ -93,7 +98,10 @@ fn geometries(store: &TestStore) -> Vec<(&'static str, Geometry)> {
                 clip(&other, Side::Outside),
             ]),
         ),
-        ("an opaque mesh", surfaces(vec![drawn(&small, [0.9, 0.5, 0.2], 1.0)])),
+        (
+            "an opaque mesh",
+            surfaces(vec![drawn(&small, [0.9, 0.5, 0.2], 1.0)]),
+        ),
         ("a translucent mesh", surfaces(vec![glass(&large)])),
         (
             "layers",
@@ -109,6 +117,31 @@ fn geometries(store: &TestStore) -> Vec<(&'static str, Geometry)> {
                 planes: vec![plane(store, DVec3::new(-1.0, 0.2, -0.3), -0.5)],
                 clip_meshes: vec![clip(&small, Side::Outside)],
                 surfaces: vec![glass(&large), drawn(&other, [0.8, 0.2, 0.2], 1.0)],
+                faces: CutFaces::default(),
+            },
+        ),
+        (
+            "caps",
+            Geometry {
+                planes: vec![one],
+                clip_meshes: vec![clip(&small, Side::Outside), clip(&other, Side::Outside)],
+                surfaces: vec![glass(&large)],
+                faces: CutFaces {
+                    are_capped: true,
+                    have_normals: false,
+                },
+            },
+        ),
+        (
+            "cut normals",
+            Geometry {
+                planes: vec![one],
+                clip_meshes: vec![clip(&small, Side::Outside)],
+                surfaces: Vec::new(),
+                faces: CutFaces {
+                    are_capped: false,
+                    have_normals: true,
+                },
             },
         ),
     ]
@@ -152,9 +185,18 @@ fn check_all(draw: &mut dyn FnMut(&TestStore, &PictureSettings) -> brickscope::e
     for (kind, geometry) in geometries(&store) {
         for (look, settings) in &looks {
             // All looks in the combination, two of them with each kind.
-            if kind == "everything" || ["dvr", "iso"].contains(look) {
+            if ["everything", "caps"].contains(&kind)
+                || ["dvr", "iso"].contains(look)
+                || (kind == "cut normals"
+                    && ["filtered dvr", "lit pre-integrated", "gradient"].contains(look))
+            {
                 let s = with(settings, &geometry);
-                check(&store, &s, &mut |s| draw(&store, s), &format!("{kind}, {look}"));
+                check(
+                    &store,
+                    &s,
+                    &mut |s| draw(&store, s),
+                    &format!("{kind}, {look}"),
+                );
             }
         }
     }
@@ -178,4 +220,121 @@ fn the_gpu_cuts_as_the_reference_does() {
         let engine = engine.get_or_insert_with(|| scenes::gpu(store, Default::default()));
         engine.render(s).unwrap()
     });
+}
+
+/// The combination of all kinds of geometry.
+fn everything(store: &TestStore) -> Geometry {
+    geometries(store)
+        .into_iter()
+        .find_map(|(kind, g)| (kind == "everything").then_some(g))
+        .unwrap()
+}
+
+/// Cuts where other things happen, too: several levels on a ray, an eye inside the volume and inside what cuts it, parallel rays,
+/// several rays of a pixel.
+fn places(store: &TestStore) -> Vec<(&'static str, PictureSettings)> {
+    let geometry = everything(store);
+    let mut places = Vec::new();
+    for (look, settings) in looks(&store.store) {
+        if ![
+            "dvr",
+            "iso",
+            "mip",
+            "mean",
+            "lit pre-integrated",
+            "surfaces",
+        ]
+        .contains(&look)
+        {
+            continue;
+        }
+        let whole = with(&settings, &geometry);
+        places.push((
+            "several levels",
+            scenes::through_levels(store, whole.clone()),
+        ));
+        let mut s = whole.clone();
+        s.camera.projection = brickscope::camera::Projection::Orthographic;
+        places.push(("parallel rays", s));
+        let mut s = whole.clone();
+        // In the mesh that is cut out, of which the near plane takes a part.
+        s.camera = scenes::inside(
+            &store.store,
+            DVec3::new(0.42, 0.36, 0.52),
+            DVec3::new(0.6, 1.0, 0.3),
+        );
+        s.camera.near_mm = 1.0;
+        places.push(("inside", s));
+        let mut s = whole;
+        s.anti_aliasing =
+            brickscope::scene::AntiAliasing::Full(brickscope::scene::SamplePattern::FourRotated);
+        s.size = [48, 40];
+        places.push(("four rays", s));
+    }
+    places
+}
+
+#[test]
+fn the_cpu_cuts_everywhere_as_the_reference_does() {
+    let store = waves(VoxelType::U16);
+    let mut engine = cpu(&store, Default::default());
+    for (place, s) in places(&store) {
+        let what = format!("{place}, {}", s.mode.name());
+        check(&store, &s, &mut |s| engine.render(s).unwrap(), &what);
+    }
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn the_gpu_cuts_everywhere_as_the_reference_does() {
+    let store = waves(VoxelType::U16);
+    let mut engine = scenes::gpu(&store, Default::default());
+    for (place, s) in places(&store) {
+        let what = format!("{place}, {}", s.mode.name());
+        check(&store, &s, &mut |s| engine.render(s).unwrap(), &what);
+    }
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn every_technique_cuts_alike() {
+    use brickscope::engine::EngineOptions;
+    use brickscope::scene::{ShadingModel, Technique};
+    let store = waves(VoxelType::U16);
+    let geometry = everything(&store);
+    let mut engine = scenes::gpu(&store, EngineOptions::default());
+    // A few slots: rays stop and go on.
+    let mut tight = scenes::gpu(
+        &store,
+        EngineOptions {
+            gpu_memory_bytes: Some(6 << 20),
+            ..EngineOptions::default()
+        },
+    );
+    for (look, settings) in looks(&store.store) {
+        if !["dvr", "iso", "mip", "mean", "pre-integrated", "surfaces"].contains(&look) {
+            continue;
+        }
+        let mut s = scenes::through_levels(&store, with(&settings, &geometry));
+        s.shading.model = ShadingModel::None;
+        let default = engine.render(&s).unwrap();
+        for technique in Technique::ALL {
+            s.technique = technique;
+            let what = format!("{look}, {}", technique.name());
+            let picture = engine.render(&s).unwrap();
+            let d = difference(&picture.image, &default.image, TWIN_BOUND);
+            println!("{what}: {d}");
+            assert_eq!(d.beyond, 0, "{what}: {d}");
+        }
+        s.technique = Technique::Default;
+        let paged = tight.render(&s).unwrap();
+        println!("{look}: evicted {:?}", paged.stats.bricks_evicted);
+        compare::assert_same_bits(&paged.image, &default.image, &format!("{look}, few slots"));
+        engine.set_picture(s.clone());
+        scenes::tick_to_end(&mut engine, &brickscope::engine::TickBudget::default());
+        let ticked = engine.image().unwrap();
+        compare::assert_same_bits(ticked, &default.image, &format!("{look}, by ticks"));
+    }
 }

@@ -1,10 +1,15 @@
 // Rays cut to parts: what clip geometry leaves of them, and the layers of meshes in between. The twin is scene::part.
 //
 // A record of a part: where it begins, mm (the sign bit: it goes on behind the layer before), where it ends and its layer
-// lies, mm, and the layer: lit colour, premultiplied, and opacity, 16 bits each; no opacity, no layer.
+// lies, mm, and the layer: lit colour, premultiplied, and opacity, 16 bits each; no opacity, no layer. With FACES a second
+// texel: the normal of the cut face at which it begins, towards the eye; 0 where it begins at none.
 
 // The picture has geometry.
 override CUT: bool = false;
+// Cut faces matter: they are capped, or have normals.
+override FACES: bool = false;
+override CAPPED: bool = false;
+override FACE_NORMALS: bool = false;
 
 // The part of a ray that is walked.
 struct Part {
@@ -14,7 +19,12 @@ struct Part {
     // Number of the first record.
     records: u32,
     // In samples of the ray's level.
+    begin: f32,
     end: f32,
+    // Normal of the cut face at which it begins; 0 where it begins at none.
+    face: vec3f,
+    // The face was looked at.
+    is_capped: bool,
     // The layers at its ends, in samples; far away where there is none.
     between: vec2f,
     layer: vec4f,
@@ -35,6 +45,10 @@ fn part_list(tile_pixel: vec2u, number: u32) -> Part {
     return part;
 }
 
+fn part_record(place: u32) -> vec4u {
+    return textureLoad(part_records, vec2u(place % PART_RECORDS_WIDE, place / PART_RECORDS_WIDE), 0);
+}
+
 // Leaves of the ray's samples at its level those of the part.
 fn part_cut(caster: ptr<function, Cast>) {
     if !CUT {
@@ -46,8 +60,7 @@ fn part_cut(caster: ptr<function, Cast>) {
         (*caster).ray.first = 0;
         return;
     }
-    let place = part.records + part.number;
-    let record = textureLoad(part_records, vec2u(place % PART_RECORDS_WIDE, place / PART_RECORDS_WIDE), 0);
+    let record = part_record((part.records + part.number) * select(1u, 2u, FACES));
     let begin = ray_index((*caster).ray, bitcast<f32>(record.x & 0x7fffffffu));
     let end = ray_index((*caster).ray, bitcast<f32>(record.y));
     let layer = vec4f(unpack2x16unorm(record.z), unpack2x16unorm(record.w));
@@ -58,6 +71,11 @@ fn part_cut(caster: ptr<function, Cast>) {
     let last = ceil(end) - select(1.0, 0.0, MODE_SEGMENTS && has_layer);
     (*caster).ray.first = max((*caster).ray.first, i32(clamp(first, -2e9, 2e9)));
     (*caster).ray.last = min((*caster).ray.last, select(i32(clamp(last, -2e9, 2e9)), -1, begin >= end));
+    if FACES {
+        let face = part_record((part.records + part.number) * 2u + 1u);
+        (*caster).part.face = bitcast<vec3f>(face.xyz);
+    }
+    (*caster).part.begin = begin;
     (*caster).part.end = end;
     (*caster).part.layer = layer;
     (*caster).part.between = vec2f(select(-1e30, begin, continues), select(1e30, end, MODE_SPLITS && has_layer));
@@ -89,4 +107,51 @@ fn part_project(caster: Cast, front: vec4f, projected: vec4f, back: vec4f) -> ve
     }
     let behind = projected + back * (1.0 - projected.a);
     return select(front + behind * (1.0 - front.a), front, caster.stopped || caster.paused);
+}
+
+// The gradient that sample `i` is lit by: the normal of the cut face where the segment behind sample `of` lies at one.
+fn part_gradient(part: Part, of: i32, gradient: vec3f) -> vec3f {
+    if FACE_NORMALS && any(part.face != vec3f(0.0)) && f32(of) < part.begin + 1.0 {
+        return part.face;
+    }
+    return gradient;
+}
+
+// Shows the data at the cut face where the part begins, if it does so at this level. True when that ends the ray; where a brick
+// is missing, the ray stops.
+fn part_cap(caster: ptr<function, Cast>, mode: ptr<function, Mode>) -> bool {
+    let part = (*caster).part;
+    if !CAPPED || part.is_capped || (*caster).is_idle || part.number >= part.count {
+        return false;
+    }
+    let level = (*caster).ray.grid.level;
+    let offset = ray_offset((*caster).ray, part.begin);
+    let is_inside = all(offset >= frame.levels[level].box_min.xyz) && all(offset <= frame.levels[level].box_max.xyz);
+    let is_last = !MANY_LEVELS || level + 1u >= frame.used_levels;
+    let behind = f32(frame.levels[level].last + select(1, 0, MODE_SEGMENTS));
+    let is_of_level = part.begin >= f32(frame.levels[level].begin) && (is_last || part.begin < behind);
+    if !is_inside || !is_of_level || part.begin >= part.end || all(part.face == vec3f(0.0)) {
+        return false;
+    }
+    var brick = brick_at((*caster).ray.grid, offset);
+    // The side of an iso-value is not enough.
+    if MODE_SEGMENTS && brick.is_absent {
+        brick.tag = TAG_ABSENT;
+    }
+    let source = cast_enter(caster, brick, part.begin);
+    if (*caster).stopped {
+        return false;
+    }
+    (*caster).part.is_capped = true;
+    let value = sample_value(source.brick, source_offset(source, part.begin));
+    let classified = classify_value((*caster).ray.grid, value);
+    if !mode_caps(value, classified.a) {
+        return false;
+    }
+    var color = classified.rgb;
+    if SHADED {
+        color = shade_phong(color, part.face, (*caster).ray.direction);
+    }
+    (*caster).contributing += 1u;
+    return mode_meet(mode, vec4f(color, 1.0));
 }

@@ -31,7 +31,7 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     let opacity = 1.0 - exp(-depth);
     var color = classified.rgb;
     if SHADED {
-        color = shade_phong(color, gradient, (*caster).ray.direction);
+        color = shade_phong(color, part_gradient((*caster).part, i, gradient), (*caster).ray.direction);
     }
     (*mode).sum += vec4f(color, 1.0) * ((1.0 - (*mode).sum.a) * opacity);
     (*caster).contributing += u32(opacity > 0.0);
@@ -42,6 +42,10 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
 fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
     (*mode).sum += layer * (1.0 - (*mode).sum.a);
     return part_ends((*mode).sum, layer);
+}
+
+fn mode_caps(value: f32, opacity: f32) -> bool {
+    return opacity > 0.0;
 }
 
 fn mode_bound(mode: Mode) -> f32 {

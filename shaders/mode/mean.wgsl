@@ -38,6 +38,11 @@ fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
     return part_ends((*mode).front, layer);
 }
 
+// A projection has no surfaces.
+fn mode_caps(value: f32, opacity: f32) -> bool {
+    return false;
+}
+
 fn mode_bound(mode: Mode) -> f32 {
     return 0.0;
 }

@@ -22,7 +22,7 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     var color = classified.rgb;
     if SHADED {
         let gradient = gradient_at(caster, source, f32(i), classified.a > 0.0);
-        color = shade_phong(color, gradient, (*caster).ray.direction);
+        color = shade_phong(color, part_gradient((*caster).part, i, gradient), (*caster).ray.direction);
         if FILTERED_GRADIENTS && (*caster).stopped {
             return;
         }
@@ -37,6 +37,10 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
 fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
     (*mode).sum += layer * (1.0 - (*mode).sum.a);
     return part_ends((*mode).sum, layer);
+}
+
+fn mode_caps(value: f32, opacity: f32) -> bool {
+    return opacity > 0.0;
 }
 
 fn mode_bound(mode: Mode) -> f32 {

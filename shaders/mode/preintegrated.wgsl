@@ -55,7 +55,7 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     if SHADED {
         let is_seen = segment.a > 0.0;
         // Lit by the gradient at the segment's far end.
-        let gradient = gradient_at(caster, source, f32(i), is_seen);
+        let gradient = part_gradient((*caster).part, i - 1, gradient_at(caster, source, f32(i), is_seen));
         let color = segment.rgb / select(1.0, segment.a, is_seen);
         if FILTERED_GRADIENTS && (*caster).stopped {
             return;
@@ -77,6 +77,10 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
 fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
     (*mode).sum += layer * (1.0 - (*mode).sum.a);
     return part_ends((*mode).sum, layer);
+}
+
+fn mode_caps(value: f32, opacity: f32) -> bool {
+    return opacity > 0.0;
 }
 
 fn mode_bound(mode: Mode) -> f32 {

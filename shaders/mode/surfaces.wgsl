@@ -75,6 +75,10 @@ fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
     return part_ends((*mode).sum, layer);
 }
 
+fn mode_caps(value: f32, opacity: f32) -> bool {
+    return surface_zone(value) > 0u;
+}
+
 fn mode_bound(mode: Mode) -> f32 {
     return 0.0;
 }

@@ -27,6 +27,8 @@ struct WorldRay {
 }
 
 override ORTHOGRAPHIC: bool = false;
+// Records have a second texel (lib/part.wgsl).
+override FACES: bool = false;
 
 // The list that is written.
 struct Parts {
@@ -37,6 +39,10 @@ struct Parts {
     // Where the part began that is kept, and whether behind a layer.
     begin_mm: f32,
     continues: bool,
+    // The face there, if a cut made one: its normal, towards the eye.
+    face: vec3f,
+    // That of the half space at which what all of them keep begins.
+    kept_face: vec3f,
 }
 
 fn parts_ray(pixel: vec2u) -> WorldRay {
@@ -47,8 +53,8 @@ fn parts_ray(pixel: vec2u) -> WorldRay {
     return WorldRay(origin, world / stretch, frame.near_mm * stretch, select(stretch, 1.0, ORTHOGRAPHIC));
 }
 
-// What all half spaces keep of a ray, mm.
-fn parts_kept(ray: WorldRay) -> vec2f {
+// What all half spaces keep of a ray.
+fn parts_keep(ray: WorldRay, parts: ptr<function, Parts>) {
     var kept = vec2f(ray.near_mm, 1e30);
     for (var k = 0u; k < geometry.planes; k++) {
         let plane = half_spaces[k];
@@ -56,14 +62,17 @@ fn parts_kept(ray: WorldRay) -> vec2f {
         let slope = dot(plane.xyz, ray.direction);
         let at = -distance / slope;
         if slope > 0.0 {
-            kept.x = max(kept.x, at);
+            if at > kept.x {
+                kept.x = at;
+                (*parts).kept_face = -plane.xyz;
+            }
         } else if slope < 0.0 {
             kept.y = min(kept.y, at);
         } else if distance < 0.0 {
             kept.y = -1e30;
         }
     }
-    return kept;
+    (*parts).kept = kept;
 }
 
 fn parts_key(ray: WorldRay, crossing: Crossing) -> CrossingKey {
@@ -93,17 +102,20 @@ fn parts_is_kept(windings: ptr<function, array<i32, MOST_CLIP_MESHES>>) -> bool 
     return true;
 }
 
-fn parts_write(parts: ptr<function, Parts>, begin_mm: f32, continues: bool, end_mm: f32, layer: vec4f) {
+fn parts_store(place: u32, record: vec4u) {
+    textureStore(records, vec2u(place % PART_RECORDS_WIDE, place / PART_RECORDS_WIDE), record);
+}
+
+fn parts_write(parts: ptr<function, Parts>, begin_mm: f32, continues: bool, end_mm: f32, layer: vec4f, face: vec3f) {
     let place = (*parts).base + (*parts).count;
     (*parts).count += 1u;
     if place < geometry.most_records {
         let begin = bitcast<u32>(begin_mm) | select(0u, 1u << 31u, continues);
         let packed = vec2u(pack2x16unorm(layer.rg), pack2x16unorm(layer.ba));
-        textureStore(
-            records,
-            vec2u(place % PART_RECORDS_WIDE, place / PART_RECORDS_WIDE),
-            vec4u(begin, bitcast<u32>(end_mm), packed),
-        );
+        parts_store(place * select(1u, 2u, FACES), vec4u(begin, bitcast<u32>(end_mm), packed));
+        if FACES {
+            parts_store(place * 2u + 1u, vec4u(bitcast<vec3u>(face), 0u));
+        }
     }
 }
 
@@ -115,10 +127,12 @@ fn parts_end(parts: ptr<function, Parts>, is_kept: bool, to_mm: f32, layer: vec4
     let has_volume = is_kept && begin_mm < end_mm;
     let reaches = has_volume && end_mm == to_mm;
     if has_volume {
-        parts_write(parts, begin_mm, (*parts).continues && !is_cut, end_mm, select(vec4f(0.0), layer, reaches));
+        let face = select((*parts).face, (*parts).kept_face, is_cut);
+        let behind = select(vec4f(0.0), layer, reaches);
+        parts_write(parts, begin_mm, (*parts).continues && !is_cut, end_mm, behind, face);
     }
     if layer.a > 0.0 && !reaches {
-        parts_write(parts, 1e30, false, to_mm, layer);
+        parts_write(parts, 1e30, false, to_mm, layer, vec3f(0.0));
     }
 }
 
@@ -176,7 +190,7 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
     var parts: Parts;
     // A layer behind what half spaces keep takes two records.
     parts.base = atomicAdd(&part_totals[1], 2u * count + 1u);
-    parts.kept = parts_kept(ray);
+    parts_keep(ray, &parts);
     parts.begin_mm = ray.near_mm;
     var is_kept = parts_is_kept(&windings);
     var keys: array<CrossingKey, SORTED>;
@@ -220,6 +234,8 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
                 if keeps && !is_kept {
                     parts.begin_mm = key.mm;
                     parts.continues = false;
+                    let normal = triangle_planes[key.triangle].xyz;
+                    parts.face = select(normal, -normal, dot(normal, ray.direction) > 0.0);
                 }
                 is_kept = keeps;
             } else {
@@ -227,6 +243,7 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
                 parts_end(&parts, is_kept, key.mm, layer);
                 parts.begin_mm = key.mm;
                 parts.continues = true;
+                parts.face = vec3f(0.0);
                 has_ended |= layer.a >= 1.0;
             }
         }

@@ -122,6 +122,7 @@ fn cast_begin(
     }
     caster.ray = ray_for_pixel(caster.pixel, level);
     caster.part = part_list(caster.tile_pixel, (*state).part);
+    caster.part.is_capped = ((*state).flags & RAY_CAPPED) != 0u;
     part_cut(&caster);
     caster.is_inside = caster.ray.first <= caster.ray.last || ((*state).flags & RAY_INSIDE) != 0u;
     if caster.is_idle {
@@ -135,6 +136,13 @@ fn cast_begin(
 // the next coarser level.
 fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>, mode: ptr<function, Mode>) -> bool {
     loop {
+        if part_cap(caster, mode) {
+            (*caster).ended = true;
+            break;
+        }
+        if (*caster).stopped {
+            break;
+        }
         if cast_next_run_of_level(*caster, walk) {
             return true;
         }
@@ -149,6 +157,7 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>, mode: p
                 break;
             }
             (*caster).part.number += 1u;
+            (*caster).part.is_capped = false;
         } else if is_last_level {
             break;
         } else {
@@ -279,6 +288,7 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     // Where passes follow in the same submission, the last of them tells what is not finished.
     let is_quiet = cast_order(FEEDBACK_QUIET) != 0u;
     let flags = outcome.flags | caster.ray.grid.level | select(0u, RAY_INSIDE, caster.is_inside)
+        | select(0u, RAY_CAPPED, caster.part.is_capped)
         | select(0u, RAY_STOPPED, is_quiet && caster.stopped);
     state.flags = select(RAY_FINISHED, flags, is_pending);
     state.value = outcome.value;

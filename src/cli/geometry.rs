@@ -7,7 +7,10 @@ use anyhow::{Context, bail};
 use glam::{DVec3, Vec3};
 
 use super::args;
-use crate::clip::{ClipMesh, Geometry, OrientedBox, Plane, Side, SurfaceMesh, TriangleMesh};
+use super::config::Switch;
+use crate::clip::{
+    ClipMesh, CutFaces, Geometry, OrientedBox, Plane, Side, SurfaceMesh, TriangleMesh,
+};
 use crate::scene::IsoSurface;
 
 #[derive(Clone, Debug, clap::Args)]
@@ -21,6 +24,22 @@ pub(super) struct GeometryArgs {
     /// Keep what is inside (or outside) a closed mesh: STL, PLY or OBJ, world mm (repeatable)
     #[arg(long, value_name = "FILE[:inside|outside]", value_parser = clip_mesh, help_heading = "Clipping and geometry")]
     clip_mesh: Vec<ClipMeshArg>,
+    /// Show on cut faces the data that they cut, opaque, as a slice does
+    #[arg(
+        long,
+        value_enum,
+        default_value = "off",
+        help_heading = "Clipping and geometry"
+    )]
+    caps: Switch,
+    /// Light what lies at a cut face by the face's normal instead of the gradient
+    #[arg(
+        long,
+        value_enum,
+        default_value = "off",
+        help_heading = "Clipping and geometry"
+    )]
+    cut_normals: Switch,
     /// Draw a mesh with the volume: STL, PLY or OBJ, world mm (repeatable)
     #[arg(long, value_name = "FILE[:COLOR[:OPACITY]]", value_parser = mesh, help_heading = "Clipping and geometry")]
     mesh: Vec<MeshArg>,
@@ -115,6 +134,10 @@ impl GeometryArgs {
         }
         let mut geometry = Geometry {
             planes: self.clip_plane.clone(),
+            faces: CutFaces {
+                are_capped: self.caps == Switch::On,
+                have_normals: self.cut_normals == Switch::On,
+            },
             ..Geometry::default()
         };
         geometry

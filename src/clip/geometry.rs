@@ -62,6 +62,25 @@ pub struct Geometry {
     pub clip_meshes: Vec<ClipMesh>,
     /// Drawn at their depth.
     pub surfaces: Vec<SurfaceMesh>,
+    /// How the faces look that cuts make.
+    pub faces: CutFaces,
+}
+
+/// How cut faces look.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct CutFaces {
+    /// They show the data that they cut, as a slice does: opaque, in the colour of the transfer function, wherever it shows
+    /// something (mode iso: wherever the value lies above the least iso-value).
+    pub are_capped: bool,
+    /// What lies within a sample of them is lit by their normal.
+    pub have_normals: bool,
+}
+
+impl CutFaces {
+    /// Do they need to be known to those who take samples?
+    pub fn matter(self) -> bool {
+        self.are_capped || self.have_normals
+    }
 }
 
 /// A part of a ray in which the volume is sampled, and the layer that lies at its end.

@@ -11,6 +11,6 @@ mod mesh;
 mod plane;
 
 pub use error::MeshError;
-pub use geometry::{ClipMesh, Geometry, Layer, Side, Span, SurfaceMesh};
+pub use geometry::{ClipMesh, CutFaces, Geometry, Layer, Side, Span, SurfaceMesh};
 pub use mesh::{Crossing, TriangleMesh};
 pub use plane::{OrientedBox, Plane};

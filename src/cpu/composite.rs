@@ -3,6 +3,7 @@
 use super::cast::{Caster, Sum, add, add_one};
 use super::field::VoxelKind;
 use super::gradient::world_gradient;
+use super::parts::at_face_normal;
 use super::rays::{Rays, dot};
 use super::simd::{Lanes, PerLane};
 use super::span::Span;
@@ -22,6 +23,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                 let between = rays.cut(l, &self.packet, part, level.step_mm, Contribution::Sample);
                 // The sample at a switch is the coarser level's.
                 let last = l.min_i(rays.last, l.i(level.end as i32 - 1));
+                alive = self.cap::<K>((n, level), (&rays, part, &between), &mut sum, alive);
                 let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
                 let field = &mut self.fields[n];
                 let table = &scene.tables[n];
@@ -45,7 +47,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                         let mut color = table.color(l, &at);
                         if scene.light.is_some() || scene.gradient_scale.is_some() {
                             let filter = scene.gradient_filter;
-                            let gradient = world_gradient::<L, K>(
+                            let mut gradient = world_gradient::<L, K>(
                                 l, filter, field, level, &place, offset, seen,
                             );
                             if let Some(scale) = scene.gradient_scale {
@@ -55,6 +57,10 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                                 let share = between.share(l, span.index);
                                 opacity = l.f(1.0) - passing(l, opacity * strength * share, seen);
                                 seen = seen & l.gt(opacity, zero);
+                            }
+                            if scene.geometry.faces.have_normals {
+                                let at_face = between.is_at_face(l, span.index);
+                                gradient = at_face_normal(l, at_face, part, gradient);
                             }
                             if let Some(light) = &scene.light {
                                 color = light.shade(l, color, gradient, rays.direction);

@@ -1,9 +1,10 @@
 //! Rays of a packet cut to parts by the picture's geometry ([`crate::scene::RayPart`]), part by part in all lanes together.
 
-use super::cast::{Scene, Sum};
-use super::rays::{Packet, Rays};
+use super::cast::{Caster, Scene, Sum, add_one};
+use super::field::VoxelKind;
+use super::rays::{Packet, Rays, Vec3, axes};
 use super::simd::{Lanes, MAX_LANES, PerLane};
-use crate::scene::{Contribution, RayPart, ray_parts};
+use crate::scene::{Contribution, LevelFrame, Mode, RayPart, ray_parts};
 
 /// Part number p of each lane's ray.
 #[derive(Clone)]
@@ -14,6 +15,9 @@ pub(super) struct PacketPart {
     exists: u32,
     continues: u32,
     has_layer: u32,
+    /// Lanes whose part begins at a cut face, and the faces' normals.
+    pub(super) is_cut: u32,
+    normals: [PerLane<f32>; 3],
     /// Premultiplied colour and opacity of the layers.
     layers: [PerLane<f32>; 4],
 }
@@ -26,8 +30,16 @@ impl PacketPart {
         exists: u32::MAX,
         continues: 0,
         has_layer: 0,
+        is_cut: 0,
+        normals: [[0.0; MAX_LANES]; 3],
         layers: [[0.0; MAX_LANES]; 4],
     };
+
+    /// Normals of the cut faces.
+    #[inline(always)]
+    pub(super) fn normal<L: Lanes>(&self, l: L) -> Vec3<L> {
+        axes!(n => l.load_f(&self.normals[n]))
+    }
 
     fn set(&mut self, lane: usize, part: &RayPart) {
         let bit = 1 << lane;
@@ -36,6 +48,12 @@ impl PacketPart {
         self.exists |= bit;
         if part.continues {
             self.continues |= bit;
+        }
+        if let Some(normal) = part.cut {
+            self.is_cut |= bit;
+            for (values, value) in self.normals.iter_mut().zip(normal.to_array()) {
+                values[lane] = value;
+            }
         }
         if let Some(layer) = part.layer {
             self.has_layer |= bit;
@@ -68,16 +86,31 @@ pub(super) fn packet_parts(scene: &Scene<'_>, planes: Vec<[f32; 2]>) -> Vec<Pack
     parts
 }
 
-/// The layers at the ends of a part, in samples of a level; far away where there is none.
+/// A part in the samples of a level.
 #[derive(Clone, Copy)]
-pub(super) struct Between<L: Lanes>(pub(super) [L::F; 2]);
+pub(super) struct Between<L: Lanes> {
+    /// Lanes that have it, with volume in it.
+    has_some: L::M,
+    /// Where it begins, between samples.
+    begin: L::F,
+    /// The layers at its ends; far away where there is none.
+    layers: [L::F; 2],
+    /// Lanes in which what is near the beginning is lit by the normal of the cut face there.
+    faces: L::M,
+}
 
 impl<L: Lanes> Between<L> {
     /// How much of the segment behind sample `index` lies between the layers, 0 to 1.
     #[inline(always)]
     pub(super) fn share(&self, l: L, index: i32) -> L::F {
-        let [begin, end] = self.0;
+        let [begin, end] = self.layers;
         l.min(l.f(index as f32 + 1.0), end) - l.max(l.f(index as f32), begin)
+    }
+
+    /// Lanes in which sample `index`, or the segment behind it, is lit by the normal of a cut face.
+    #[inline(always)]
+    pub(super) fn is_at_face(&self, l: L, index: i32) -> L::M {
+        self.faces & l.gt(self.begin + l.f(1.0), l.f(index as f32))
     }
 
     /// The opacity of a part of the segment behind sample `index`.
@@ -96,9 +129,21 @@ impl<L: Lanes> Between<L> {
     /// Lanes in which the place `at` lies between the layers.
     #[inline(always)]
     pub(super) fn contains(&self, l: L, at: L::F) -> L::M {
-        let [begin, end] = self.0;
+        let [begin, end] = self.layers;
         l.ge(at, begin) & l.gt(end, at)
     }
+}
+
+/// The gradient, or in `lanes` the normal of the cut face.
+#[inline(always)]
+pub(super) fn at_face_normal<L: Lanes>(
+    l: L,
+    lanes: L::M,
+    part: &PacketPart,
+    gradient: Vec3<L>,
+) -> Vec3<L> {
+    let normal = part.normal(l);
+    axes!(n => l.pick(lanes, normal[n], gradient[n]))
 }
 
 /// Lane by lane with the function that the reference has, for the same bits.
@@ -141,10 +186,15 @@ impl<L: Lanes> Rays<L> {
         let has_some = exists & l.gt(end, begin);
         self.first = l.max_i(self.first, bounded(first));
         self.last = l.pick_i(has_some, l.min_i(self.last, bounded(last)), l.i(-1));
-        Between([
-            l.pick(continues, begin, l.f(-1e30)),
-            l.pick(has_layer, end, l.f(1e30)),
-        ])
+        Between {
+            has_some,
+            begin,
+            layers: [
+                l.pick(continues, begin, l.f(-1e30)),
+                l.pick(has_layer, end, l.f(1e30)),
+            ],
+            faces: l.mask(part.is_cut),
+        }
     }
 }
 
@@ -210,5 +260,55 @@ impl<L: Lanes> Backdrop<L> {
             all[c] = all[c] + (projected[c] + self.back.0[c] * rest_of_projected) * rest;
         }
         all
+    }
+}
+
+impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
+    /// Shows the data where the parts of `alive` lanes begin, at level number `n`, at capped cut faces. The lanes that go on.
+    #[inline(always)]
+    pub(super) fn cap<K: VoxelKind>(
+        &mut self,
+        (n, level): (usize, &LevelFrame),
+        (rays, part, between): (&Rays<L>, &PacketPart, &Between<L>),
+        sum: &mut Sum<L>,
+        alive: L::M,
+    ) -> L::M {
+        let (l, scene) = (self.l, self.scene);
+        if !scene.geometry.faces.are_capped || part.is_cut == 0 {
+            return alive;
+        }
+        // Elsewhere the part may begin nowhere.
+        let begin = l.pick(between.has_some, between.begin, l.f(-1.0));
+        let at = rays.offset(begin);
+        let mut here = alive & between.has_some & l.mask(part.is_cut);
+        here = here & l.ge(begin, l.f(level.begin as f32));
+        if n + 1 < scene.frame.used_levels {
+            here = here & l.gt(l.f(level.end as f32), begin);
+        }
+        for axis in 0..3 {
+            here = here & l.ge(at[axis], l.f(level.box_min[axis]));
+            here = here & l.ge(l.f(level.box_max[axis]), at[axis]);
+        }
+        if !l.any(here) {
+            return alive;
+        }
+        let field = &mut self.fields[n];
+        let place = field.locate(l, at, here);
+        field.need_voxels(l, here);
+        let value = field.value::<K>(l, &place, at);
+        let table = &scene.tables[n];
+        let index = table.index(l, value);
+        let shows = here
+            & match scene.mode {
+                Mode::Iso => l.gt_i(scene.surfaces.zone(l, value), l.i(0)),
+                _ => l.gt(table.opacity(l, &index), l.f(0.0)),
+            };
+        let mut color = table.color(l, &index);
+        if let Some(light) = &scene.light {
+            color = light.shade(l, color, part.normal(l), rays.direction);
+        }
+        add_one(l, &mut self.contributing, shows);
+        sum.add(l, shows, color, l.f(1.0));
+        alive & !shows
     }
 }

@@ -8,6 +8,7 @@
 use super::cast::{Caster, Sum, add, add_one};
 use super::field::VoxelKind;
 use super::gradient::world_gradient;
+use super::parts::at_face_normal;
 use super::rays::{Rays, axes};
 use super::simd::Lanes;
 use super::span::Span;
@@ -26,6 +27,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                 let mut rays = Rays::new(l, scene.frame, level, &self.packet);
                 let between = rays.cut(l, &self.packet, part, level.step_mm, Contribution::Segment);
                 // A segment has the level of its first sample, and both ends are sampled there (design.md §3).
+                alive = self.cap::<K>((n, level), (&rays, part, &between), &mut sum, alive);
                 let mut span = Span::new(l, rays.first, rays.last, self.interval(n), alive);
                 let field = &mut self.fields[n];
                 let table = &scene.segments[n];
@@ -70,9 +72,13 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                             let mut color = axes!(c => table.channel(l, &at, c) / divisor);
                             if let Some(light) = &scene.light {
                                 let filter = scene.gradient_filter;
-                                let gradient = world_gradient::<L, K>(
+                                let mut gradient = world_gradient::<L, K>(
                                     l, filter, field, level, &place, offset, seen,
                                 );
+                                if scene.geometry.faces.have_normals {
+                                    let at_face = between.is_at_face(l, span.index - 1);
+                                    gradient = at_face_normal(l, at_face, part, gradient);
+                                }
                                 color = light.shade(l, color, gradient, rays.direction);
                             }
                             let opacity = between.opacity(l, span.index - 1, opacity);

@@ -31,7 +31,7 @@ impl SurfaceTable {
 
     /// Numbers of the zones that values are in.
     #[inline(always)]
-    fn zone<L: Lanes>(&self, l: L, value: L::F) -> L::I {
+    pub(super) fn zone<L: Lanes>(&self, l: L, value: L::F) -> L::I {
         let (zero, one) = (l.i(0), l.i(1));
         let mut zone = zero;
         for &surface in &self.values {
@@ -62,6 +62,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                 let mut rays = Rays::new(l, scene.frame, level, &self.packet);
                 let between = rays.cut(l, &self.packet, part, level.step_mm, Contribution::Segment);
                 let last = rays.last;
+                alive = self.cap::<K>((n, level), (&rays, part, &between), &mut sum, alive);
                 let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
                 let field = &mut self.fields[n];
                 // A segment has the level of its first sample, and both ends are sampled there (design.md §3).

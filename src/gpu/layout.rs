@@ -252,6 +252,8 @@ constants! {
     RAY_HAS_BEFORE = 1 << 10;
     /// The ray meets the volume.
     RAY_INSIDE = 1 << 11;
+    /// The cut face at which the ray's part begins was looked at.
+    RAY_CAPPED = 1 << 9;
     /// The ray waits for a brick until the host's next submission.
     RAY_STOPPED = 1 << 30;
     /// Word of the feedback: 2³² − 1 − number of the first stopped pixel of the tile; 0 when none stopped.

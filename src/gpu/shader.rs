@@ -181,22 +181,22 @@ casters! {
     /// The caster of every technique in which each ray walks by itself.
     RAYCASTERS, "raycast", "cast_rays";
     Post "post" [DIRECT, CLASSIFY, GRADIENT, SHADE];
-    Preintegrated "preintegrated" [DIRECT, GRADIENT, SHADE];
+    Preintegrated "preintegrated" [DIRECT, CLASSIFY, GRADIENT, SHADE];
     Gradient "gradient" [DIRECT, CLASSIFY, GRADIENT, SHADE];
-    Surfaces "surfaces" [DIRECT, GRADIENT, SHADE];
-    Extreme "extreme" [DIRECT, CLASSIFY];
-    Mean "mean" [DIRECT, CLASSIFY];
+    Surfaces "surfaces" [DIRECT, CLASSIFY, GRADIENT, SHADE];
+    Extreme "extreme" [DIRECT, CLASSIFY, SHADE];
+    Mean "mean" [DIRECT, CLASSIFY, SHADE];
 }
 
 casters! {
     /// The caster in which a work-group's rays advance together, with their values in workgroup memory.
     SLABCASTERS, "slab", "cast_slabs";
     Post "post" [SLAB, CLASSIFY, SHADE];
-    Preintegrated "preintegrated" [SLAB, SHADE];
+    Preintegrated "preintegrated" [SLAB, CLASSIFY, SHADE];
     Gradient "gradient" [SLAB, CLASSIFY, SHADE];
-    Surfaces "surfaces" [SLAB, SHADE];
-    Extreme "extreme" [SLAB, CLASSIFY];
-    Mean "mean" [SLAB, CLASSIFY];
+    Surfaces "surfaces" [SLAB, CLASSIFY, SHADE];
+    Extreme "extreme" [SLAB, CLASSIFY, SHADE];
+    Mean "mean" [SLAB, CLASSIFY, SHADE];
 }
 
 /// The one of `casters` with these parts.

@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use super::field::VoxelField;
 use super::modes::Caster;
 use crate::scene::{
-    Classified, Contribution, Image, LevelFrame, PictureSettings, RayCounts, RayFrame, RaySet,
-    add_ray, ray_parts,
+    Classified, Contribution, Image, LevelFrame, PartSamples, PictureSettings, RayCounts, RayFrame,
+    RaySet, add_ray, ray_parts,
 };
 use crate::store::StoreError;
 
@@ -136,7 +136,10 @@ fn cast<'a>(
             // ends are sampled there (design.md §3).
             let end = level.end as i32 - i32::from(!settings.is_by_segment());
             let samples = part.samples(first_mm, level.step_mm, contribution);
-            caster.begin_level(l, level, &ray, samples);
+            caster.begin_level(l, level, &ray, &part, samples);
+            if ray.cuts_at(frame, level, &samples) && caster.cap(samples.begin) {
+                return;
+            }
             for i in ray.first.max(samples.first)..=ray.last.min(end).min(samples.last) {
                 if caster.take(i) {
                     return;
@@ -195,6 +198,16 @@ impl Ray {
             first: first.min(2e9) as i32,
             last: last.min(level.end as f32).clamp(-1.0, 2e9) as i32,
         }
+    }
+
+    /// Does a part of the ray begin in the volume, at this level?
+    fn cuts_at(&self, frame: &RayFrame, level: &LevelFrame, samples: &PartSamples) -> bool {
+        let at = self.offset(samples.begin);
+        let is_last = level.lod == frame.coarsest_used().lod;
+        let is_inside = at.cmpge(level.box_min).all() && at.cmple(level.box_max).all();
+        let is_of_level =
+            samples.begin >= level.begin as f32 && (is_last || samples.begin < level.end as f32);
+        is_inside && is_of_level && samples.first <= samples.last
     }
 
     /// Offset of sample `index`; fractions are between samples.

@@ -7,7 +7,7 @@ use super::field::FieldReader;
 use crate::classify::PreintegratedTable;
 use crate::scene::{
     Classified, ClassifiedLevel, ClassifiedSurface, GradientFilter, Interpolation, LevelFrame,
-    Mode, PartSamples, PictureSettings, RayCounts, ShadingModel, phong,
+    Mode, PartSamples, PictureSettings, RayCounts, RayPart, ShadingModel, phong,
 };
 
 /// One ray, and what its samples have come to.
@@ -39,8 +39,9 @@ struct Place<'a> {
     level: &'a LevelFrame,
     ray: Ray,
     tables: &'a ClassifiedLevel,
-    /// The part of the ray.
+    /// The part of the ray, and the normal of the cut face at which it begins.
     samples: PartSamples,
+    cut: Option<Vec3>,
 }
 
 impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
@@ -69,6 +70,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         number: usize,
         level: &'a LevelFrame,
         ray: &Ray,
+        part: &RayPart,
         samples: PartSamples,
     ) {
         self.place = Some(Place {
@@ -77,6 +79,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
             ray: *ray,
             tables: &self.classified.levels[number],
             samples,
+            cut: part.cut,
         });
         self.before = None;
     }
@@ -100,6 +103,27 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         }
         self.before = Some(value);
         self.sum.w >= self.settings.opacity_cutoff
+    }
+
+    /// Meets the cut face at which the part begins, if it is one and capped. True when it ends the ray.
+    pub(super) fn cap(&mut self, index: f32) -> bool {
+        let (Some(place), faces) = (self.place, self.settings.geometry.faces) else {
+            return false;
+        };
+        let Some(normal) = place.cut.filter(|_| faces.are_capped) else {
+            return false;
+        };
+        let value = self.value(&place, place.ray.offset(index));
+        let [r, g, b, a] = place.tables.lut.sample(value);
+        let shows = match self.settings.mode {
+            Mode::Iso => self.classified.zone(value) > 0,
+            mode => a > 0.0 && !mode.projects(),
+        };
+        if shows {
+            let color = self.shaded(Vec3::new(r, g, b), normal, &place);
+            self.add(color, 1.0);
+        }
+        shows
     }
 
     /// Meets a layer behind the samples so far: lit colour, premultiplied, and opacity. True when nothing more can change
@@ -139,7 +163,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
     fn take_sample(&mut self, place: &Place<'_>, i: i32, value: f32) {
         let [r, g, b, a] = place.tables.lut.sample(value);
         if a > 0.0 {
-            let color = self.lit(Vec3::new(r, g, b), place, place.ray.offset(i as f32));
+            let color = self.lit(Vec3::new(r, g, b), place, i, i);
             self.add(color, opacity_of_share(a, place.samples.share(i)));
         }
     }
@@ -151,7 +175,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         };
         let [r, g, b, a] = table.sample(before, value);
         if a > 0.0 {
-            let color = self.lit(Vec3::new(r, g, b) / a, place, place.ray.offset(i as f32));
+            let color = self.lit(Vec3::new(r, g, b) / a, place, i, i - 1);
             self.add(color, opacity_of_share(a, place.samples.share(i - 1)));
         }
     }
@@ -165,7 +189,8 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         let strength = (gradient.length() * self.classified.gradient_scale).min(1.0);
         let opacity = 1.0 - (-(depth * strength * place.samples.share(i))).exp();
         if opacity > 0.0 {
-            let color = self.shaded(Vec3::new(r, g, b), gradient, place);
+            let normal = self.face(place, i).unwrap_or(gradient);
+            let color = self.shaded(Vec3::new(r, g, b), normal, place);
             self.add(color, opacity);
         }
     }
@@ -210,7 +235,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
             if !(begin..end).contains(&at) {
                 continue;
             }
-            let color = self.lit(surface.color, place, place.ray.offset(at));
+            let color = self.lit_at(surface.color, place, place.ray.offset(at));
             self.add(color, surface.opacity);
             if self.sum.w >= self.settings.opacity_cutoff {
                 return;
@@ -271,7 +296,22 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z))
     }
 
-    fn lit(&mut self, color: Vec3, place: &Place<'_>, offset: Vec3) -> Vec3 {
+    /// The normal of the cut face that sample `i`, or the segment behind it, is lit by.
+    fn face(&self, place: &Place<'_>, i: i32) -> Option<Vec3> {
+        let is_lit_by_faces = self.settings.geometry.faces.have_normals;
+        let cut = place.cut.filter(|_| is_lit_by_faces);
+        cut.filter(|_| place.samples.is_at_face(i))
+    }
+
+    /// Lit by the gradient at sample `i`; by the normal of a cut face, where the segment behind sample `of` lies at one.
+    fn lit(&mut self, color: Vec3, place: &Place<'_>, i: i32, of: i32) -> Vec3 {
+        match self.face(place, of) {
+            Some(normal) => self.shaded(color, normal, place),
+            None => self.lit_at(color, place, place.ray.offset(i as f32)),
+        }
+    }
+
+    fn lit_at(&mut self, color: Vec3, place: &Place<'_>, offset: Vec3) -> Vec3 {
         match self.settings.shading.model {
             ShadingModel::None => color,
             ShadingModel::Phong => {

@@ -71,6 +71,7 @@ impl RayPart {
         let last = end.ceil() - f32::from(u8::from(!is_far_end_needed));
         let is_empty = begin >= end;
         PartSamples {
+            begin,
             first: first.clamp(-2e9, 2e9) as i32,
             last: if is_empty {
                 i32::MIN
@@ -96,6 +97,8 @@ impl RayPart {
 /// The samples of a part of a ray at a level, in steps of that level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartSamples {
+    /// Where the part begins, between samples.
+    pub begin: f32,
     /// The first one.
     pub first: i32,
     /// The last one; none when it is less than the first.
@@ -108,6 +111,11 @@ impl PartSamples {
     /// How much of the segment behind sample `i` lies between the layers, 0 to 1.
     pub fn share(&self, i: i32) -> f32 {
         (i as f32 + 1.0).min(self.between[1]) - (i as f32).max(self.between[0])
+    }
+
+    /// Does sample `i`, or the segment behind it, lie within a sample of where the part begins?
+    pub fn is_at_face(&self, i: i32) -> bool {
+        (i as f32) < self.begin + 1.0
     }
 }
 

@@ -427,7 +427,8 @@ impl PictureSettings {
     pub fn reads_beyond_visible(&self) -> bool {
         let is_lit = self.shading.model == ShadingModel::Phong || self.mode == Mode::Gradient;
         let filters = is_lit && self.shading.gradient == GradientFilter::Filtered;
-        let surfaces = self.mode == Mode::Iso && self.classification.iso.len() > 1;
+        let surfaces = self.mode == Mode::Iso
+            && (self.classification.iso.len() > 1 || self.geometry.faces.are_capped);
         self.is_preintegrated() || surfaces || (filters && !self.mode.projects())
     }
 

@@ -18,8 +18,10 @@ use crate::render::bindings;
 use crate::render::frame::{FrameBindings, Tile, clip_from_world, padded};
 use crate::scene::RayFrame;
 
-/// Bytes of a record: a texel.
-const RECORD_BYTES: u64 = 16;
+/// Texels of a record; the second is not always used.
+const RECORD_TEXELS: u64 = 2;
+/// Bytes of a record.
+const RECORD_BYTES: u64 = RECORD_TEXELS * 16;
 /// What there is room for at first, per pixel of a tile; what a picture takes more is made room for.
 const CROSSINGS_AT_FIRST: u64 = 4;
 
@@ -41,6 +43,7 @@ pub(in crate::render) struct PartsPass {
 #[derive(Debug)]
 struct Pipelines {
     projection: Projection,
+    has_faces: bool,
     geometry_layout: wgpu::BindGroupLayout,
     lists_layout: wgpu::BindGroupLayout,
     raster: wgpu::RenderPipeline,
@@ -289,7 +292,7 @@ impl PartsTargets {
         };
         let written = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
         let lists = texture("parts.lists", tile, wgpu::TextureFormat::Rg32Uint, written);
-        let rows = (records / u64::from(PART_RECORDS_WIDE)) as u32;
+        let rows = (records * RECORD_TEXELS / u64::from(PART_RECORDS_WIDE)) as u32;
         let records_view = texture(
             "parts.records",
             [PART_RECORDS_WIDE, rows],
@@ -351,6 +354,7 @@ impl Pipelines {
         gpu: &GpuContext,
         frame: &FrameBindings,
         projection: Projection,
+        has_faces: bool,
     ) -> Result<Self, GpuError> {
         let layout = |label, entries| {
             gpu.device
@@ -414,12 +418,13 @@ impl Pipelines {
             module: &shader::RAY_PARTS.compile(gpu)?,
             entry: "make_parts",
             layouts: &[&frame.layout, &geometry_layout, &lists_layout],
-            constants: &constants,
+            constants: &[constants[0], ("FACES", f64::from(u8::from(has_faces)))],
             zero_workgroup_memory: true,
         }
         .build(gpu)?;
         Ok(Self {
             projection,
+            has_faces,
             geometry_layout,
             lists_layout,
             raster,
@@ -537,12 +542,10 @@ impl PartsPass {
             (self.geometry, self.targets) = (None, None);
             return Ok(());
         }
-        if self
-            .pipelines
-            .as_ref()
-            .is_none_or(|p| p.projection != projection)
-        {
-            self.pipelines = Some(Pipelines::new(gpu, frame, projection)?);
+        let has_faces = geometry.faces.matter();
+        let kind = |p: &Pipelines| (p.projection, p.has_faces);
+        if self.pipelines.as_ref().map(kind) != Some((projection, has_faces)) {
+            self.pipelines = Some(Pipelines::new(gpu, frame, projection, has_faces)?);
         }
         if self.geometry.as_ref().is_none_or(|g| g.of != *geometry) {
             self.geometry = None;

@@ -7,6 +7,7 @@ use glam::UVec2;
 use super::pipeline::ComputeParts;
 use super::{BoundsTargets, LeapTargets};
 use crate::camera::Projection;
+use crate::clip::CutFaces;
 use crate::gpu::layout::{PixelCounts, RayState};
 use crate::gpu::shader::{self, AtlasPart, ModePart};
 use crate::gpu::{GpuContext, GpuError};
@@ -51,6 +52,7 @@ struct Variant {
     one_opaque: bool,
     /// The picture has geometry: rays are cut to parts.
     cut: bool,
+    faces: CutFaces,
     orthographic: bool,
     many_levels: bool,
     many_atlases: bool,
@@ -90,6 +92,7 @@ impl Variant {
             one_opaque: settings.geometry.surfaces.is_empty()
                 && matches!(surfaces[..], [s] if s.opacity >= settings.opacity_cutoff),
             cut: !settings.geometry.is_empty(),
+            faces: settings.geometry.faces,
             orthographic: settings.camera.projection == Projection::Orthographic,
         }
     }
@@ -112,6 +115,9 @@ impl Variant {
             flag("DRAFT", self.draft),
             flag("LEAP", self.leap),
             flag("CUT", self.cut),
+            flag("FACES", self.faces.matter()),
+            flag("CAPPED", self.faces.are_capped),
+            flag("FACE_NORMALS", self.faces.have_normals),
             flag("EXTREME", self.mode == ModePart::Extreme),
             flag("MINIMUM", self.minimum),
             flag(
