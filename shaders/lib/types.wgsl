@@ -135,4 +135,47 @@ struct RayState {
     value: f32,
     // What the mode counts: the base steps of a mean.
     count: u32,
+    // Which of the ray's parts is walked.
+    part: u32,
+}
+
+// The geometry of a picture, for the passes that cut rays to parts. A quantity of a ray is q[0] + u·q[1] + v·q[2].
+struct GeometryUniforms {
+    // Where rays begin, from the geometry's origin, mm.
+    origin: array<vec4f, 3>,
+    // Clip space from a position as the meshes have it, cropped to the tile; reversed depth.
+    clip_from_mesh: mat4x4f,
+    // Half spaces, meshes that cut, and the number of the first triangle that is drawn.
+    planes: u32,
+    clip_meshes: u32,
+    first_drawn: u32,
+    // How many crossings and how many records there is room for.
+    most_crossings: u32,
+    most_records: u32,
+    // Triangles of all meshes; none is looked for where there are none.
+    triangles: u32,
+    pad0: u32,
+    pad1: u32,
+}
+
+// A mesh that cuts or is drawn.
+struct MeshRecord {
+    // Colour and opacity of one that is drawn.
+    color: vec4f,
+    // MESH_*.
+    kind: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
+
+// Where a ray crosses a triangle: one of a pixel's list.
+struct Crossing {
+    // Number of the next, plus 1; 0 at the end.
+    next: u32,
+    triangle: u32,
+    // Number of the mesh; CROSSING_ENTERS is set where the ray comes from the side that the triangle faces.
+    mesh: u32,
+    // As the raster tells it, mm along the view direction.
+    depth_mm: f32,
 }

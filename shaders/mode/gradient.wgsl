@@ -1,5 +1,8 @@
 // Mode gradient: as dvr, with the optical depth of a sample scaled by the strength of the gradient.
 
+const MODE_SPLITS: bool = true;
+const MODE_SEGMENTS: bool = false;
+
 struct Mode {
     // Premultiplied colour and opacity.
     sum: vec4f,
@@ -21,7 +24,11 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
         return;
     }
     let strength = min(sqrt(dot(gradient, gradient)) * frame.gradient_scale, 1.0);
-    let opacity = 1.0 - exp(-(classified.a * strength));
+    var depth = classified.a * strength;
+    if CUT {
+        depth *= part_share((*caster).part, i);
+    }
+    let opacity = 1.0 - exp(-depth);
     var color = classified.rgb;
     if SHADED {
         color = shade_phong(color, gradient, (*caster).ray.direction);
@@ -30,6 +37,10 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     (*caster).contributing += u32(opacity > 0.0);
     (*mode).event = (*mode).sum.a >= frame.opacity_cutoff;
     (*mode).ended = (*mode).event;
+}
+
+fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
+    return part_meet(&(*mode).sum, layer);
 }
 
 fn mode_bound(mode: Mode) -> f32 {

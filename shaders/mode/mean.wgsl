@@ -1,6 +1,12 @@
 // Mode mean: the mean of all samples, each weighted by the base steps that it stands for, is classified once.
 
+const MODE_SPLITS: bool = false;
+const MODE_SEGMENTS: bool = false;
+
 struct Mode {
+    // Layers in front of the projection, and what ended the ray: premultiplied colour and opacity.
+    front: vec4f,
+    back: vec4f,
     sum: f32,
     steps: u32,
     event: bool,
@@ -8,7 +14,7 @@ struct Mode {
 }
 
 fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
-    return Mode(state.value, state.count, false, false);
+    return Mode(color, vec4f(0.0), state.value, state.count, false, false);
 }
 
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
@@ -20,6 +26,15 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     (*mode).sum += value * f32(steps);
     (*mode).steps += steps;
     (*caster).contributing += 1u;
+}
+
+// Translucent layers are in front of the projection, wherever they lie; an opaque one is behind it.
+fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
+    if layer.a >= 1.0 {
+        (*mode).back = layer;
+        return true;
+    }
+    return part_meet(&(*mode).front, layer);
 }
 
 fn mode_bound(mode: Mode) -> f32 {
@@ -36,5 +51,5 @@ fn mode_end(mode: Mode, caster: Cast, next: i32) -> Outcome {
         let classified = classify_value(caster.ray.grid, mode.sum / f32(mode.steps));
         color = vec4f(classified.rgb * classified.a, classified.a);
     }
-    return Outcome(color, 0u, mode.sum, mode.steps);
+    return Outcome(part_project(caster, mode.front, color, mode.back), 0u, mode.sum, mode.steps);
 }

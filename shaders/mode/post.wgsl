@@ -1,5 +1,8 @@
 // Modes dvr and xray: every sample is classified and composited.
 
+const MODE_SPLITS: bool = true;
+const MODE_SEGMENTS: bool = false;
+
 struct Mode {
     // Premultiplied colour and opacity.
     sum: vec4f,
@@ -24,10 +27,15 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
             return;
         }
     }
-    (*mode).sum += vec4f(color, 1.0) * ((1.0 - (*mode).sum.a) * classified.a);
+    let opacity = part_opacity((*caster).part, i, classified.a);
+    (*mode).sum += vec4f(color, 1.0) * ((1.0 - (*mode).sum.a) * opacity);
     (*caster).contributing += u32(classified.a > 0.0);
     (*mode).event = (*mode).sum.a >= frame.opacity_cutoff;
     (*mode).ended = (*mode).event;
+}
+
+fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
+    return part_meet(&(*mode).sum, layer);
 }
 
 fn mode_bound(mode: Mode) -> f32 {

@@ -1,14 +1,15 @@
 // Mode dvr with pre-integrated classification: every segment between two samples is composited, by the table of integrals
 // of its level (classify::PreintegratedTable, which reads it by the same operations).
 
+const MODE_SPLITS: bool = true;
+const MODE_SEGMENTS: bool = true;
+
 struct Mode {
     // Premultiplied colour and opacity.
     sum: vec4f,
     // The sample before the next one and its number, −2 for none.
     value: f32,
     before: i32,
-    // Levels don't continue each other: a segment has one level (design.md §3).
-    level: u32,
     event: bool,
     ended: bool,
 }
@@ -37,12 +38,12 @@ fn preintegrated_segment(grid: Grid, front: f32, back: f32) -> vec4f {
 
 fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
     let before = select(-2, state.next - 1, (state.flags & RAY_HAS_BEFORE) != 0u);
-    return Mode(color, state.value, before, caster.ray.grid.level, false, false);
+    return Mode(color, state.value, before, false, false);
 }
 
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {
-    (*mode).before = select(-2, (*mode).before, caster.ray.grid.level == (*mode).level);
-    (*mode).level = caster.ray.grid.level;
+    // Levels don't continue each other, nor do parts: a segment has one level (design.md §3).
+    (*mode).before = select((*mode).before, -2, caster.part.is_new);
 }
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
@@ -61,12 +62,20 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
         }
         segment = vec4f(shade_phong(color, gradient, (*caster).ray.direction) * segment.a, segment.a);
     }
+    if CUT {
+        let is_seen = segment.a > 0.0;
+        segment *= part_opacity((*caster).part, i - 1, segment.a) / select(1.0, segment.a, is_seen);
+    }
     (*mode).sum += segment * (1.0 - (*mode).sum.a);
     (*mode).value = value;
     (*mode).before = i;
     (*caster).contributing += u32(segment.a > 0.0);
     (*mode).event = (*mode).sum.a >= frame.opacity_cutoff;
     (*mode).ended = (*mode).event;
+}
+
+fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
+    return part_meet(&(*mode).sum, layer);
 }
 
 fn mode_bound(mode: Mode) -> f32 {

@@ -7,6 +7,9 @@ override ONE_OPAQUE: bool = true;
 // Bisection at a surface.
 override REFINED: bool = true;
 
+const MODE_SPLITS: bool = true;
+const MODE_SEGMENTS: bool = true;
+
 struct Mode {
     // Premultiplied colour and opacity.
     sum: vec4f,
@@ -17,8 +20,6 @@ struct Mode {
     value: f32,
     // The zone from which the ray has come, where `event`: the last two samples lie in different ones.
     zone_from: u32,
-    // Levels don't continue each other: a segment has one level (design.md §3).
-    level: u32,
     event: bool,
     ended: bool,
 }
@@ -38,13 +39,13 @@ fn surface_zone(value: f32) -> u32 {
 fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
     let before = select(-2, state.next - 1, (state.flags & RAY_HAS_BEFORE) != 0u);
     let zone = (state.flags >> RAY_ZONE_SHIFT) & RAY_ZONE_MASK;
-    return Mode(color, before, zone, 0.0, zone, caster.ray.grid.level, false, false);
+    return Mode(color, before, zone, 0.0, zone, false, false);
 }
 
 // A run that doesn't continue the last one starts afresh: its first sample doesn't follow `before`.
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {
-    (*mode).before = select(-2, (*mode).before, caster.ray.grid.level == (*mode).level);
-    (*mode).level = caster.ray.grid.level;
+    // Levels don't continue each other, nor do parts: a segment has one level (design.md §3).
+    (*mode).before = select((*mode).before, -2, caster.part.is_new);
 }
 
 fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Source, i: i32) {
@@ -69,6 +70,10 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     (*mode).before = i;
 }
 
+fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
+    return part_meet(&(*mode).sum, layer);
+}
+
 fn mode_bound(mode: Mode) -> f32 {
     return 0.0;
 }
@@ -82,6 +87,7 @@ fn mode_resolve(mode: ptr<function, Mode>, caster: ptr<function, Cast>, next: i3
     let count = select((*mode).zone_from - (*mode).zone, (*mode).zone - (*mode).zone_from, rising);
     var sum = (*mode).sum;
     var met = 0u;
+    var seen = 0u;
     loop {
         // The surface below zone z is number z − 1.
         let k = min(select((*mode).zone_from - 1u - met, (*mode).zone_from + met, rising), SURFACES - 1u);
@@ -91,8 +97,15 @@ fn mode_resolve(mode: ptr<function, Mode>, caster: ptr<function, Cast>, next: i3
             let gradient = gradient_at(caster, surface.source, surface.index, hit && !(*caster).stopped);
             color = shade_phong(color, gradient, (*caster).ray.direction);
         }
-        sum += vec4f(color, 1.0) * ((1.0 - sum.a) * select(0.0, frame.surface_colors[k].a, hit));
+        var shows = hit;
+        if CUT {
+            // On the other side of a layer it belongs to another part.
+            let between = (*caster).part.between;
+            shows &= surface.index >= between.x && surface.index < between.y;
+        }
+        sum += vec4f(color, 1.0) * ((1.0 - sum.a) * select(0.0, frame.surface_colors[k].a, shows));
         met += 1u;
+        seen += u32(shows);
         if ONE_OPAQUE || !hit || met >= count || sum.a >= frame.opacity_cutoff {
             break;
         }
@@ -107,7 +120,7 @@ fn mode_resolve(mode: ptr<function, Mode>, caster: ptr<function, Cast>, next: i3
     }
     (*mode).sum = sum;
     (*mode).ended = hit && sum.a >= frame.opacity_cutoff;
-    (*caster).contributing += select(0u, met, hit);
+    (*caster).contributing += seen;
     return next;
 }
 

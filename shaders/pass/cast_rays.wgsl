@@ -22,10 +22,11 @@ fn cast_rays(
     var level = 0u;
     // In the middle of a run, behind something translucent.
     var resumed = false;
-    var more = cast_next_run(&caster, &walk);
+    var more = cast_next_run(&caster, &walk, &mode);
     loop {
         while more {
             mode_next_run(&mode, caster);
+            caster.part.is_new = false;
             i = select(walk.first, i, resumed);
             resumed = false;
             loop {
@@ -57,7 +58,7 @@ fn cast_rays(
                 }
             }
             walk.greatest = mode_bound(mode);
-            more = !mode.event && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk);
+            more = !mode.event && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk, &mode);
         }
         i = mode_resolve(&mode, &caster, i);
         cast_meet(&caster, i, level);
@@ -67,7 +68,7 @@ fn cast_rays(
         mode.event = false;
         caster.paused = caster.samples >= caster.limit;
         resumed = i <= walk.last;
-        more = !caster.paused && (resumed || cast_next_run(&caster, &walk));
+        more = !caster.paused && (resumed || cast_next_run(&caster, &walk, &mode));
         if !more {
             break;
         }

@@ -131,11 +131,12 @@ fn cast_slabs(
     var order: SlabOrder;
     loop {
         if more && done {
-            more = cast_next_run(&caster, &walk);
+            more = cast_next_run(&caster, &walk, &mode);
             done = false;
             i = select(i, walk.first, more);
             // Before anything can break off: what is stored must know that the level is another one.
             mode_next_run(&mode, caster);
+            caster.part.is_new = false;
         }
         if MANY_LEVELS {
             if more {

@@ -46,6 +46,7 @@ struct Cast {
     tile_pixel: vec2u,
     pixel: vec2u,
     ray: Ray,
+    part: Part,
     // Only the part of the ray that the mesh leaves? And there from active block to active block? However it is, the picture
     // is the same to the bit.
     is_bounded: bool,
@@ -68,6 +69,8 @@ struct Cast {
     missed: bool,
     stopped: bool,
     paused: bool,
+    // A layer has ended the ray.
+    ended: bool,
 }
 
 fn cast_interval(caster: Cast) -> vec2f {
@@ -118,6 +121,8 @@ fn cast_begin(
         level = (*state).flags & RAY_LEVEL_MASK;
     }
     caster.ray = ray_for_pixel(caster.pixel, level);
+    caster.part = part_list(caster.tile_pixel, (*state).part);
+    part_cut(&caster.ray, &caster.part);
     caster.is_inside = caster.ray.first <= caster.ray.last || ((*state).flags & RAY_INSIDE) != 0u;
     if caster.is_idle {
         caster.ray.last = -1;
@@ -126,23 +131,48 @@ fn cast_begin(
     return caster;
 }
 
-// The next run of samples: with skipping from the walk, without it all of the interval once; then the next coarser level.
-fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>) -> bool {
+// The next run of samples: with skipping from the walk, without it all of the interval once; then the next part of the ray or
+// the next coarser level.
+fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>, mode: ptr<function, Mode>) -> bool {
     loop {
         if cast_next_run_of_level(*caster, walk) {
             return true;
         }
-        if !MANY_LEVELS || (*caster).ray.grid.level + 1u >= frame.used_levels || (*caster).is_idle {
+        if (*caster).is_idle {
             break;
         }
+        var level = (*caster).ray.grid.level;
+        let is_last_level = !MANY_LEVELS || level + 1u >= frame.used_levels;
+        if cast_part_is_done(*caster, is_last_level) {
+            if (*caster).part.layer.a > 0.0 && mode_meet(mode, (*caster).part.layer) {
+                (*caster).ended = true;
+                break;
+            }
+            (*caster).part.number += 1u;
+        } else if is_last_level {
+            break;
+        } else {
+            level += 1u;
+        }
         (*caster).skipped += cast_skipped(*caster, *walk);
-        (*caster).ray = ray_for_pixel((*caster).pixel, (*caster).ray.grid.level + 1u);
+        (*caster).ray = ray_for_pixel((*caster).pixel, level);
+        part_cut(&(*caster).ray, &(*caster).part);
+        (*caster).part.is_new = true;
         (*caster).is_inside |= (*caster).ray.first <= (*caster).ray.last;
         let greatest = (*walk).greatest;
         *walk = walk_begin((*caster).ray, cast_interval(*caster), 0);
         (*walk).greatest = greatest;
     }
     return false;
+}
+
+// Does the part of the ray end at its level, behind all samples that were taken?
+fn cast_part_is_done(caster: Cast, is_last_level: bool) -> bool {
+    if !CUT || caster.part.number >= caster.part.count {
+        return false;
+    }
+    let behind = frame.levels[caster.ray.grid.level].last + select(1, 0, MODE_SEGMENTS);
+    return is_last_level || caster.part.end <= f32(behind);
 }
 
 // The next one at the ray's level.
@@ -230,7 +260,8 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     picture[caster.at] = outcome.color;
     let is_pending = caster.stopped || caster.paused;
     // A level that is left behind for good was skipped where no samples were taken.
-    let skipped = caster.skipped + select(walk.skipped, cast_skipped(caster, walk), !is_pending && (outcome.flags & RAY_ENDED) == 0u);
+    let has_ended = caster.ended || (outcome.flags & RAY_ENDED) != 0u;
+    let skipped = caster.skipped + select(walk.skipped, cast_skipped(caster, walk), !is_pending && !has_ended);
     counts[caster.at].samples += caster.samples;
     counts[caster.at].skipped += skipped;
     counts[caster.at].contributing += caster.contributing;
@@ -252,6 +283,7 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     state.flags = select(RAY_FINISHED, flags, is_pending);
     state.value = outcome.value;
     state.count = outcome.count;
+    state.part = caster.part.number;
     rays[caster.at] = state;
     if is_pending && !is_quiet {
         cast_pending(caster.at, caster.group, caster.stopped);

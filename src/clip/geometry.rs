@@ -49,9 +49,10 @@ pub struct Geometry {
 /// A part of a ray in which the volume is sampled, and the layer that lies at its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
-    /// Where it begins, mm from the ray's origin; samples at `begin_mm ≤ t < end_mm` are taken.
+    /// Where it begins, mm from the ray's origin; samples at `begin_mm ≤ t < end_mm` are taken. Infinite where there is but
+    /// a layer.
     pub begin_mm: f64,
-    /// Where it ends; not behind `begin_mm` where there is no volume in front of the layer. Infinite at a ray's last.
+    /// Where it ends, and where its layer lies. Infinite at a ray's last.
     pub end_mm: f64,
     /// Where it begins at a cut face: that face's unit normal, towards the ray's origin.
     pub cut: Option<DVec3>,
@@ -89,7 +90,12 @@ impl Geometry {
 
     /// The part of the ray that all planes keep, mm, from `near_mm`; the plane that it begins at. Empty when the first is not
     /// less than the second.
-    fn kept_by_planes(&self, origin: DVec3, direction: DVec3, near_mm: f64) -> ([f64; 2], Option<DVec3>) {
+    fn kept_by_planes(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        near_mm: f64,
+    ) -> ([f64; 2], Option<DVec3>) {
         let mut kept = [near_mm, f64::INFINITY];
         let mut cut = None;
         for plane in &self.planes {
@@ -150,28 +156,35 @@ impl Geometry {
         let ([first_mm, last_mm], plane_cut) = self.kept_by_planes(origin, direction, near_mm);
 
         let mut spans = Vec::new();
-        let mut push = |span: Span| {
-            if span.layer.is_some() || span.begin_mm < span.end_mm {
-                spans.push(span);
-            }
-        };
-        let mut is_kept = keeps(&windings);
-        // Where the part began that is kept, and the face there.
-        let mut begin = (near_mm, None);
-        let span_to = |begin: (f64, Option<DVec3>), end_mm: f64, is_kept: bool, layer| {
+        let mut push = |begin: (f64, Option<DVec3>), to_mm: f64, is_kept, layer| {
             let (begin_mm, cut) = if begin.0 < first_mm {
                 (first_mm, plane_cut)
             } else {
                 begin
             };
-            let end_mm = end_mm.min(last_mm);
-            Span {
-                begin_mm,
-                end_mm: if is_kept { end_mm } else { f64::NEG_INFINITY },
-                cut,
-                layer,
+            let end_mm = to_mm.min(last_mm);
+            let is_kept = is_kept && begin_mm < end_mm;
+            let reaches = is_kept && end_mm == to_mm;
+            if is_kept {
+                spans.push(Span {
+                    begin_mm,
+                    end_mm,
+                    cut,
+                    layer: layer.filter(|_| reaches),
+                });
+            }
+            if layer.is_some() && !reaches {
+                spans.push(Span {
+                    begin_mm: f64::INFINITY,
+                    end_mm: to_mm,
+                    cut: None,
+                    layer,
+                });
             }
         };
+        let mut is_kept = keeps(&windings);
+        // Where the part began that is kept, and the face there.
+        let mut begin = (near_mm, None);
         for event in events {
             let at_mm = event.crossing.at_mm;
             if let Some(surface) = event.id.checked_sub(clips) {
@@ -181,7 +194,7 @@ impl Geometry {
                     at_mm,
                     normal: mesh.normal_at(event.crossing.triangle, origin + direction * at_mm),
                 };
-                push(span_to(begin, at_mm, is_kept, Some(layer)));
+                push(begin, at_mm, is_kept, Some(layer));
                 begin = (at_mm, None);
                 if self.surfaces[surface].opacity >= 1.0 {
                     return spans;
@@ -194,14 +207,16 @@ impl Geometry {
                 continue;
             }
             if keeps {
-                let normal = self.clip_meshes[event.id].mesh.face_normal(event.crossing.triangle);
+                let normal = self.clip_meshes[event.id]
+                    .mesh
+                    .face_normal(event.crossing.triangle);
                 begin = (at_mm, Some(-normal * normal.dot(direction).signum()));
             } else {
-                push(span_to(begin, at_mm, true, None));
+                push(begin, at_mm, true, None);
             }
             is_kept = keeps;
         }
-        push(span_to(begin, f64::INFINITY, is_kept, None));
+        push(begin, f64::INFINITY, is_kept, None);
         spans
     }
 }

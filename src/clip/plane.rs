@@ -112,6 +112,9 @@ mod tests {
                 assert!(!keeps(at), "{at} is outside");
             }
         }
-        assert_eq!(OrientedBox::between(DVec3::ONE, DVec3::new(2.0, 1.0, 2.0)), None);
+        assert_eq!(
+            OrientedBox::between(DVec3::ONE, DVec3::new(2.0, 1.0, 2.0)),
+            None
+        );
     }
 }

@@ -7,11 +7,13 @@
 use super::field::{Field, VoxelKind};
 use super::intervals::{Interval, Intervals};
 use super::light::Light;
+use super::parts::{PacketPart, packet_parts};
 use super::rays::{Packet, Vec3};
 use super::simd::{Lanes, PerLane};
 use super::surfaces::SurfaceTable;
 use super::table::{SegmentTable, Table};
-use crate::scene::{GradientFilter, Interpolation, LevelFrame, Mode, RayCounts, RayFrame};
+use crate::clip::Geometry;
+use crate::scene::{GradientFilter, Interpolation, LevelFrame, Mode, RayCounts, RayFrame, Shading};
 
 /// What all packets of a picture share.
 #[derive(Debug)]
@@ -25,6 +27,9 @@ pub(super) struct Scene<'a> {
     pub(super) intervals: &'a [Intervals],
     /// Is something skipped?
     pub(super) skips: bool,
+    pub(super) geometry: &'a Geometry,
+    /// What the meshes of the geometry are lit by, the volume or not.
+    pub(super) shading: &'a Shading,
     pub(super) light: Option<Light>,
     pub(super) gradient_filter: GradientFilter,
     /// In mode gradient: by what a gradient's length is multiplied.
@@ -68,6 +73,7 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
     let mut caster = Caster {
         l,
         scene,
+        parts: packet_parts(scene, packet.planes(l)),
         packet,
         fields,
         samples: l.i(0),
@@ -96,6 +102,8 @@ pub(super) struct Caster<'s, 'f, 'n, 'a, L: Lanes> {
     pub(super) l: L,
     pub(super) scene: &'s Scene<'f>,
     pub(super) packet: Packet<L>,
+    /// In order; of each all lanes' together.
+    pub(super) parts: Vec<PacketPart>,
     pub(super) fields: &'s mut [Field<'n, 'a, L>],
     /// Per lane: samples taken, samples of the parts that are done, samples that counted.
     pub(super) samples: L::I,

@@ -6,6 +6,7 @@ use super::gradient::world_gradient;
 use super::rays::{Rays, dot};
 use super::simd::{Lanes, PerLane};
 use super::span::Span;
+use crate::scene::Contribution;
 
 impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
     #[inline(always)]
@@ -14,60 +15,70 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         let zero = l.f(0.0);
         let mut sum = Sum::new(l);
         let mut alive = self.packet.inside;
-        for (n, level) in scene.levels() {
-            let rays = Rays::new(l, scene.frame, level, &self.packet);
-            // The sample at a switch is the coarser level's.
-            let last = l.min_i(rays.last, l.i(level.end as i32 - 1));
-            let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
-            let field = &mut self.fields[n];
-            let table = &scene.tables[n];
-            while span.index <= span.end {
-                let here = span.here(l) & alive;
-                let offset = rays.offset(l.f(span.index as f32));
-                let place = field.locate(l, offset, here);
-                let distance = field.skip_byte(l, &place);
-                let active = here & l.eq_i(distance, l.i(0));
-                if !l.any(active) {
-                    let room = field.blocks_around(l, &place, distance);
-                    let next = field.behind(l, &rays, &room);
-                    span.leap(l, alive, here, next);
-                    continue;
-                }
-                add_one(l, &mut self.samples, active);
-                let at = table.index(l, field.value::<K>(l, &place, offset));
-                let mut opacity = table.opacity(l, &at);
-                let mut seen = active & l.gt(opacity, zero);
-                if l.any(seen) {
-                    let mut color = table.color(l, &at);
-                    if scene.light.is_some() || scene.gradient_scale.is_some() {
-                        let filter = scene.gradient_filter;
-                        let gradient =
-                            world_gradient::<L, K>(l, filter, field, level, &place, offset, seen);
-                        if let Some(scale) = scene.gradient_scale {
-                            // The table has optical depths.
-                            let length = l.sqrt(dot::<L>(gradient, gradient));
-                            let strength = l.min(length * l.f(scale), l.f(1.0));
-                            opacity = l.f(1.0) - passing(l, opacity * strength, seen);
-                            seen = seen & l.gt(opacity, zero);
+        let parts = std::mem::take(&mut self.parts);
+        for part in &parts {
+            for (n, level) in scene.levels() {
+                let mut rays = Rays::new(l, scene.frame, level, &self.packet);
+                let between = rays.cut(l, &self.packet, part, level.step_mm, Contribution::Sample);
+                // The sample at a switch is the coarser level's.
+                let last = l.min_i(rays.last, l.i(level.end as i32 - 1));
+                let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
+                let field = &mut self.fields[n];
+                let table = &scene.tables[n];
+                while span.index <= span.end {
+                    let here = span.here(l) & alive;
+                    let offset = rays.offset(l.f(span.index as f32));
+                    let place = field.locate(l, offset, here);
+                    let distance = field.skip_byte(l, &place);
+                    let active = here & l.eq_i(distance, l.i(0));
+                    if !l.any(active) {
+                        let room = field.blocks_around(l, &place, distance);
+                        let next = field.behind(l, &rays, &room);
+                        span.leap(l, alive, here, next);
+                        continue;
+                    }
+                    add_one(l, &mut self.samples, active);
+                    let at = table.index(l, field.value::<K>(l, &place, offset));
+                    let mut opacity = table.opacity(l, &at);
+                    let mut seen = active & l.gt(opacity, zero);
+                    if l.any(seen) {
+                        let mut color = table.color(l, &at);
+                        if scene.light.is_some() || scene.gradient_scale.is_some() {
+                            let filter = scene.gradient_filter;
+                            let gradient = world_gradient::<L, K>(
+                                l, filter, field, level, &place, offset, seen,
+                            );
+                            if let Some(scale) = scene.gradient_scale {
+                                // The table has optical depths.
+                                let length = l.sqrt(dot::<L>(gradient, gradient));
+                                let strength = l.min(length * l.f(scale), l.f(1.0));
+                                let share = between.share(l, span.index);
+                                opacity = l.f(1.0) - passing(l, opacity * strength * share, seen);
+                                seen = seen & l.gt(opacity, zero);
+                            }
+                            if let Some(light) = &scene.light {
+                                color = light.shade(l, color, gradient, rays.direction);
+                            }
                         }
-                        if let Some(light) = &scene.light {
-                            color = light.shade(l, color, gradient, rays.direction);
+                        if scene.gradient_scale.is_none() {
+                            opacity = between.opacity(l, span.index, opacity);
+                        }
+                        add_one(l, &mut self.contributing, seen);
+                        sum.add(l, seen, color, opacity);
+                        let opaque = sum.opaque(l, seen, scene.opacity_cutoff);
+                        if l.any(opaque) {
+                            let passed = span.count_to(l, l.i(span.index));
+                            add(l, &mut self.passed, opaque, passed);
+                            alive = alive & !opaque;
+                            span.end_with(l, alive);
                         }
                     }
-                    add_one(l, &mut self.contributing, seen);
-                    sum.add(l, seen, color, opacity);
-                    let opaque = sum.opaque(l, seen, scene.opacity_cutoff);
-                    if l.any(opaque) {
-                        let passed = span.count_to(l, l.i(span.index));
-                        add(l, &mut self.passed, opaque, passed);
-                        alive = alive & !opaque;
-                        span.end_with(l, alive);
-                    }
+                    span.index += 1;
                 }
-                span.index += 1;
+                let passed = span.count_to(l, last);
+                add(l, &mut self.passed, alive, passed);
             }
-            let passed = span.count_to(l, last);
-            add(l, &mut self.passed, alive, passed);
+            alive = sum.meet(l, part, alive, scene.opacity_cutoff);
         }
         sum.0
     }

@@ -13,6 +13,7 @@ mod field;
 mod gradient;
 mod intervals;
 mod light;
+mod parts;
 mod picture;
 mod projection;
 mod rays;

@@ -298,6 +298,8 @@ fn scene_of(picture: &CpuPicture) -> Scene<'_> {
             .collect(),
         intervals: picture.intervals.as_deref().unwrap_or_default(),
         skips: settings.technique != Technique::Basic,
+        geometry: &settings.geometry,
+        shading: &settings.shading,
         light: match settings.shading.model {
             ShadingModel::None => None,
             ShadingModel::Phong => Some(Light::new(&settings.shading)),

@@ -47,7 +47,7 @@ pub(super) struct Packet<L: Lanes> {
     u: L::F,
     v: L::F,
     /// Distances of their samples 0, mm.
-    first_mm: L::F,
+    pub(super) first_mm: L::F,
     /// Those inside the picture.
     pub(super) inside: L::M,
     /// Pixels that stand for all of them where something is known by cell: the first so many.
@@ -109,6 +109,12 @@ impl<L: Lanes> Packet<L> {
     #[inline(always)]
     pub(super) fn cells(&self) -> &[[u32; 2]] {
         &self.cells_of[..self.cells]
+    }
+
+    /// Where on the image plane the rays pass.
+    pub(super) fn planes(&self, l: L) -> Vec<[f32; 2]> {
+        let (u, v) = (l.store_f(self.u), l.store_f(self.v));
+        (0..L::WIDTH).map(|lane| [u[lane], v[lane]]).collect()
     }
 
     /// A quantity that is linear over the picture.

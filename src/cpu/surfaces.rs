@@ -10,7 +10,7 @@ use super::rays::{Rays, Vec3, axes};
 use super::simd::Lanes;
 use super::skip::{DISTANCE, ZONE_SHIFT};
 use super::span::Span;
-use crate::scene::{ClassifiedSurface, LevelFrame};
+use crate::scene::{ClassifiedSurface, Contribution, LevelFrame};
 
 /// The surfaces by rising value, as lanes look them up.
 #[derive(Debug)]
@@ -56,69 +56,76 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         let surfaces = &scene.surfaces;
         let mut sum = Sum::new(l);
         let mut alive = self.packet.inside;
-        for (n, level) in scene.levels() {
-            let rays = Rays::new(l, scene.frame, level, &self.packet);
-            let last = rays.last;
-            let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
-            let field = &mut self.fields[n];
-            // A segment has the level of its first sample, and both ends are sampled there (design.md §3).
-            let (mut zone_before, mut has_before) = (l.i(0), l.mask(0));
-            while span.index <= span.end {
-                let here = span.here(l) & alive;
-                let offset = rays.offset(l.f(span.index as f32));
-                let place = field.locate(l, offset, here);
-                let byte = field.skip_byte(l, &place);
-                let distance = byte & l.i(i32::from(DISTANCE));
-                let active = here & l.eq_i(distance, l.i(0));
-                let mut zone = l.shr_u::<ZONE_SHIFT>(byte);
-                if l.any(active) {
-                    let value = field.value::<K>(l, &place, offset);
-                    zone = l.pick_i(active, surfaces.zone(l, value), zone);
-                    add_one(l, &mut self.samples, active);
-                }
-                let mut met = here & has_before & !l.eq_i(zone, zone_before);
-                while l.any(met) {
-                    add_one(l, &mut self.contributing, met);
-                    let above = l.gt_i(zone, zone_before);
-                    // Upwards the next surface is the one at the end of the zone, downwards the one at its beginning.
-                    let step = l.pick_i(above, l.i(1), l.i(-1));
-                    let hit = Hit {
-                        index: span.index,
-                        number: zone_before + l.pick_i(above, l.i(0), l.i(-1)),
-                        above,
-                        lanes: met,
-                    };
-                    let opacity = l.look_up(&surfaces.opacities, hit.number);
-                    let color = surface::<L, K>(l, scene, field, level, &rays, hit);
-                    sum.add(l, met, color, opacity);
-                    let opaque = sum.opaque(l, met, scene.opacity_cutoff);
-                    if l.any(opaque) {
-                        let passed = span.count_to(l, l.i(span.index));
-                        add(l, &mut self.passed, opaque, passed);
-                        alive = alive & !opaque;
-                        span.end_with(l, alive);
+        let parts = std::mem::take(&mut self.parts);
+        for part in &parts {
+            for (n, level) in scene.levels() {
+                let mut rays = Rays::new(l, scene.frame, level, &self.packet);
+                let between = rays.cut(l, &self.packet, part, level.step_mm, Contribution::Segment);
+                let last = rays.last;
+                let mut span = Span::new(l, rays.first, last, self.interval(n), alive);
+                let field = &mut self.fields[n];
+                // A segment has the level of its first sample, and both ends are sampled there (design.md §3).
+                let (mut zone_before, mut has_before) = (l.i(0), l.mask(0));
+                while span.index <= span.end {
+                    let here = span.here(l) & alive;
+                    let offset = rays.offset(l.f(span.index as f32));
+                    let place = field.locate(l, offset, here);
+                    let byte = field.skip_byte(l, &place);
+                    let distance = byte & l.i(i32::from(DISTANCE));
+                    let active = here & l.eq_i(distance, l.i(0));
+                    let mut zone = l.shr_u::<ZONE_SHIFT>(byte);
+                    if l.any(active) {
+                        let value = field.value::<K>(l, &place, offset);
+                        zone = l.pick_i(active, surfaces.zone(l, value), zone);
+                        add_one(l, &mut self.samples, active);
                     }
-                    zone_before = zone_before + l.pick_i(met, step, l.i(0));
-                    met = met & !opaque & !l.eq_i(zone, zone_before);
+                    let mut met = here & has_before & !l.eq_i(zone, zone_before);
+                    while l.any(met) {
+                        let above = l.gt_i(zone, zone_before);
+                        // Upwards the next surface is the one at the end of the zone, downwards the one at its beginning.
+                        let step = l.pick_i(above, l.i(1), l.i(-1));
+                        let hit = Hit {
+                            index: span.index,
+                            number: zone_before + l.pick_i(above, l.i(0), l.i(-1)),
+                            above,
+                            lanes: met,
+                        };
+                        let opacity = l.look_up(&surfaces.opacities, hit.number);
+                        let (at, color) = surface::<L, K>(l, scene, field, level, &rays, hit);
+                        // On the other side of a layer it belongs to another part.
+                        let shows = met & between.contains(l, at);
+                        add_one(l, &mut self.contributing, shows);
+                        sum.add(l, shows, color, opacity);
+                        let opaque = sum.opaque(l, shows, scene.opacity_cutoff);
+                        if l.any(opaque) {
+                            let passed = span.count_to(l, l.i(span.index));
+                            add(l, &mut self.passed, opaque, passed);
+                            alive = alive & !opaque;
+                            span.end_with(l, alive);
+                        }
+                        zone_before = zone_before + l.pick_i(met, step, l.i(0));
+                        met = met & !opaque & !l.eq_i(zone, zone_before);
+                    }
+                    zone_before = l.pick_i(here, zone, zone_before);
+                    has_before = has_before | here;
+                    if l.any(active) {
+                        span.index += 1;
+                    } else {
+                        let room = field.blocks_around(l, &place, distance);
+                        let next = field.behind(l, &rays, &room);
+                        span.leap(l, alive, here & alive, next);
+                    }
                 }
-                zone_before = l.pick_i(here, zone, zone_before);
-                has_before = has_before | here;
-                if l.any(active) {
-                    span.index += 1;
-                } else {
-                    let room = field.blocks_around(l, &place, distance);
-                    let next = field.behind(l, &rays, &room);
-                    span.leap(l, alive, here & alive, next);
-                }
+                let passed = span.count_to(l, last);
+                add(l, &mut self.passed, alive, passed);
             }
-            let passed = span.count_to(l, last);
-            add(l, &mut self.passed, alive, passed);
+            alive = sum.meet(l, part, alive, scene.opacity_cutoff);
         }
         sum.0
     }
 }
 
-/// The colours of the surfaces where `hit` lanes have met them.
+/// Where, in samples, `hit` lanes have met their surfaces, and the colours there.
 #[inline(always)]
 fn surface<L: Lanes, K: VoxelKind>(
     l: L,
@@ -127,7 +134,7 @@ fn surface<L: Lanes, K: VoxelKind>(
     level: &LevelFrame,
     rays: &Rays<L>,
     hit: Hit<L>,
-) -> Vec3<L> {
+) -> (L::F, Vec3<L>) {
     let index = l.f(hit.index as f32);
     let mut at = index;
     if scene.refine {
@@ -149,7 +156,7 @@ fn surface<L: Lanes, K: VoxelKind>(
         }
     }
     let color = axes!(n => l.look_up(&scene.surfaces.colors[n], hit.number));
-    match &scene.light {
+    let color = match &scene.light {
         None => color,
         Some(light) => {
             let offset = rays.offset(at);
@@ -160,5 +167,6 @@ fn surface<L: Lanes, K: VoxelKind>(
                 world_gradient::<L, K>(l, filter, field, level, &place, offset, hit.lanes);
             light.shade(l, color, gradient, rays.direction)
         }
-    }
+    };
+    (at, color)
 }

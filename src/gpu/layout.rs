@@ -136,6 +136,47 @@ shared! {
         flags: u32,
         value: f32,
         count: u32,
+        part: u32,
+    }
+}
+
+shared! {
+    /// The geometry of a picture, as `shaders/lib/types.wgsl` documents it field by field.
+    #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
+    GeometryUniforms as GEOMETRY_UNIFORMS {
+        origin: [[f32; 4]; 3],
+        clip_from_mesh: [[f32; 4]; 4],
+        planes: u32,
+        clip_meshes: u32,
+        first_drawn: u32,
+        most_crossings: u32,
+        most_records: u32,
+        triangles: u32,
+        pad0: u32,
+        pad1: u32,
+    }
+}
+
+shared! {
+    /// A mesh that cuts or is drawn, as `shaders/lib/types.wgsl` documents it field by field.
+    #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
+    MeshRecord as MESH_RECORD {
+        color: [f32; 4],
+        kind: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
+    }
+}
+
+shared! {
+    /// Where a ray crosses a triangle, as `shaders/lib/types.wgsl` documents it field by field.
+    #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
+    Crossing as CROSSING {
+        next: u32,
+        triangle: u32,
+        mesh: u32,
+        depth_mm: f32,
     }
 }
 
@@ -146,6 +187,9 @@ pub const SHARED_STRUCTS: &[SharedStruct] = &[
     LEAP_UNIFORMS,
     PIXEL_COUNTS,
     RAY_STATE,
+    GEOMETRY_UNIFORMS,
+    MESH_RECORD,
+    CROSSING,
 ];
 
 macro_rules! constants {
@@ -250,6 +294,18 @@ constants! {
     FEEDBACK_HEAD = FEEDBACK_LIST + FEEDBACK_LIST_MAX;
     /// Edge of the cells whose samples technique layers counts, pixels: two work-groups.
     CELL_EDGE = 16;
+    /// Most meshes that cut: as many windings are counted.
+    MOST_CLIP_MESHES = 16;
+    /// A mesh of which the inside is kept.
+    MESH_INSIDE = 0;
+    /// A mesh of which the outside is kept.
+    MESH_OUTSIDE = 1;
+    /// A mesh that is drawn.
+    MESH_DRAWN = 2;
+    /// Bit of `Crossing::mesh`: the ray comes from the side that the triangle faces.
+    CROSSING_ENTERS = 1 << 31;
+    /// Records of parts in a row of their texture.
+    PART_RECORDS_WIDE = 2048;
     /// Most work-groups of a tile.
     MAX_GROUPS = 1 << 14;
 }

@@ -64,6 +64,9 @@ const INTERVAL: Part = part!("lib/interval.wgsl");
 const WALK: Part = part!("lib/walk.wgsl");
 const FEEDBACK: Part = part!("lib/feedback.wgsl");
 const CAST: Part = part!("lib/cast.wgsl");
+const PARTS: Part = part!("bind/parts.wgsl");
+const PART: Part = part!("lib/part.wgsl");
+const GEOMETRY: Part = part!("bind/geometry.wgsl");
 const RAYCAST: Part = part!("pass/raycast.wgsl");
 const DIRECT: Part = part!("lib/direct.wgsl");
 const SLAB: Part = part!("lib/slab.wgsl");
@@ -99,6 +102,18 @@ pub const COMPACT: ShaderSource = ShaderSource {
 pub const LAYERS: ShaderSource = ShaderSource {
     name: "layers",
     parts: &[TYPES, FRAME, CAST, RAY, INTERVAL, part!("pass/layers.wgsl")],
+};
+
+/// Where rays cross the triangles of meshes.
+pub const CROSSINGS: ShaderSource = ShaderSource {
+    name: "crossings",
+    parts: &[TYPES, FRAME, GEOMETRY, part!("pass/crossings.wgsl")],
+};
+
+/// The parts that geometry leaves of rays.
+pub const RAY_PARTS: ShaderSource = ShaderSource {
+    name: "parts",
+    parts: &[TYPES, FRAME, RAY, SHADE, GEOMETRY, part!("pass/parts.wgsl")],
 };
 
 /// Which part reads the atlas.
@@ -138,7 +153,7 @@ macro_rules! casters {
                 name: concat!($word, "_", $file, "_filtered"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_filtered.wgsl"), RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
+                    $($part,)* PARTS, PART, INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
                     part!(concat!("pass/", $pass, ".wgsl")),
                 ],
             }),
@@ -146,7 +161,7 @@ macro_rules! casters {
                 name: concat!($word, "_", $file, "_float"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_float.wgsl"), EXACT, RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
+                    $($part,)* PARTS, PART, INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
                     part!(concat!("pass/", $pass, ".wgsl")),
                 ],
             }),
@@ -154,7 +169,7 @@ macro_rules! casters {
                 name: concat!($word, "_", $file, "_uint"),
                 parts: &[
                     TYPES, FRAME, VOLUME, part!("bind/atlas_uint.wgsl"), EXACT, RAY, BRICK, SAMPLE,
-                    $($part,)* INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
+                    $($part,)* PARTS, PART, INTERVAL, WALK, FEEDBACK, CAST, part!(concat!("mode/", $file, ".wgsl")), RAYCAST,
                     part!(concat!("pass/", $pass, ".wgsl")),
                 ],
             }),
@@ -254,6 +269,8 @@ pub const OTHERS: &[ShaderSource] = &[
     REPORT,
     COMPACT,
     LAYERS,
+    CROSSINGS,
+    RAY_PARTS,
     BARE_FILTERED,
     BARE_FLOAT,
     BARE_UINT,

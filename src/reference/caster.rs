@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use super::field::VoxelField;
 use super::modes::Caster;
 use crate::scene::{
-    Classified, Image, LevelFrame, PictureSettings, RayCounts, RayFrame, RaySet, add_ray,
+    Classified, Contribution, Image, LevelFrame, PictureSettings, RayCounts, RayFrame, RaySet,
+    add_ray, ray_parts,
 };
 use crate::store::StoreError;
 
@@ -125,16 +126,25 @@ fn cast<'a>(
     x: u32,
     y: u32,
 ) {
-    for (l, level) in frame.used().iter().enumerate() {
-        let ray = Ray::new(frame, level, x, y);
-        // The sample at a switch is the coarser level's; but a segment has the level of its first sample, and both ends
-        // are sampled there (design.md §3).
-        let end = level.end as i32 - i32::from(!settings.is_by_segment());
-        caster.begin_level(l, level, &ray);
-        for i in ray.first..=ray.last.min(end) {
-            if caster.take(i) {
-                return;
+    let contribution = Contribution::of(settings);
+    let first_mm = frame.first_mm_of_pixel(x, y);
+    let plane = frame.plane_of_pixel(x, y);
+    for part in ray_parts(frame, &settings.geometry, &settings.shading, plane) {
+        for (l, level) in frame.used().iter().enumerate() {
+            let ray = Ray::new(frame, level, x, y);
+            // The sample at a switch is the coarser level's; but a segment has the level of its first sample, and both
+            // ends are sampled there (design.md §3).
+            let end = level.end as i32 - i32::from(!settings.is_by_segment());
+            let samples = part.samples(first_mm, level.step_mm, contribution);
+            caster.begin_level(l, level, &ray, samples);
+            for i in ray.first.max(samples.first)..=ray.last.min(end).min(samples.last) {
+                if caster.take(i) {
+                    return;
+                }
             }
+        }
+        if part.layer.is_some_and(|layer| caster.meet(layer)) {
+            return;
         }
     }
 }

@@ -7,7 +7,6 @@
 mod caster;
 mod field;
 mod modes;
-mod shade;
 
 pub use caster::{ReferencePicture, render};
 pub use field::VoxelField;

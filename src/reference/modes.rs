@@ -4,11 +4,10 @@ use glam::{Vec3, Vec4};
 
 use super::caster::Ray;
 use super::field::FieldReader;
-use super::shade::phong;
 use crate::classify::PreintegratedTable;
 use crate::scene::{
     Classified, ClassifiedLevel, ClassifiedSurface, GradientFilter, Interpolation, LevelFrame,
-    Mode, PictureSettings, RayCounts, ShadingModel,
+    Mode, PartSamples, PictureSettings, RayCounts, ShadingModel, phong,
 };
 
 /// One ray, and what its samples have come to.
@@ -19,8 +18,10 @@ pub(super) struct Caster<'r, 'f, 'a> {
     classified: &'a Classified,
     /// The level that is sampled.
     place: Option<Place<'a>>,
-    /// Premultiplied colour and opacity.
+    /// Premultiplied colour and opacity; in modes that project, of the layers in front.
     sum: Vec4,
+    /// In modes that project: what ended the ray.
+    back: Vec4,
     /// The sample before, at the same level.
     before: Option<f32>,
     /// Modes mip and minip: the extreme so far.
@@ -38,6 +39,8 @@ struct Place<'a> {
     level: &'a LevelFrame,
     ray: Ray,
     tables: &'a ClassifiedLevel,
+    /// The part of the ray.
+    samples: PartSamples,
 }
 
 impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
@@ -52,6 +55,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
             classified,
             place: None,
             sum: Vec4::ZERO,
+            back: Vec4::ZERO,
             before: None,
             extreme: None,
             mean: [0.0; 2],
@@ -59,13 +63,20 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         }
     }
 
-    /// The next samples are of this level.
-    pub(super) fn begin_level(&mut self, number: usize, level: &'a LevelFrame, ray: &Ray) {
+    /// The next samples are of this level, and follow none.
+    pub(super) fn begin_level(
+        &mut self,
+        number: usize,
+        level: &'a LevelFrame,
+        ray: &Ray,
+        samples: PartSamples,
+    ) {
         self.place = Some(Place {
             number,
             level,
             ray: *ray,
             tables: &self.classified.levels[number],
+            samples,
         });
         self.before = None;
     }
@@ -79,9 +90,9 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         let offset = place.ray.offset(i as f32);
         let value = self.value(&place, offset);
         match (self.settings.mode, &place.tables.preintegrated) {
-            (Mode::Dvr, Some(table)) => self.take_segment(&place, table, offset, value),
-            (Mode::Dvr | Mode::Xray, _) => self.take_sample(&place, offset, value),
-            (Mode::Gradient, _) => self.take_gradient(&place, offset, value),
+            (Mode::Dvr, Some(table)) => self.take_segment(&place, table, i, value),
+            (Mode::Dvr | Mode::Xray, _) => self.take_sample(&place, i, value),
+            (Mode::Gradient, _) => self.take_gradient(&place, i, value),
             (Mode::Iso, _) => self.take_surfaces(&place, i, value),
             (Mode::Mip, _) => self.take_extreme(value, |new, old| new > old),
             (Mode::MinIp, _) => self.take_extreme(value, |new, old| new < old),
@@ -89,6 +100,18 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         }
         self.before = Some(value);
         self.sum.w >= self.settings.opacity_cutoff
+    }
+
+    /// Meets a layer behind the samples so far: lit colour, premultiplied, and opacity. True when nothing more can change
+    /// the ray. In modes that project translucent layers are in front of the projection, wherever they lie.
+    pub(super) fn meet(&mut self, layer: Vec4) -> bool {
+        let ends = layer.w >= 1.0;
+        if ends && self.settings.mode.projects() {
+            self.back = layer;
+        } else {
+            self.sum += layer * (1.0 - self.sum.w);
+        }
+        ends || self.sum.w >= self.settings.opacity_cutoff
     }
 
     /// Premultiplied colour and opacity of the ray.
@@ -99,11 +122,12 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
             _ => return self.sum,
         };
         // In these modes the tables of all levels are equal.
-        let Some(value) = value else {
-            return Vec4::ZERO;
-        };
-        let [r, g, b, a] = self.classified.levels[0].lut.sample(value);
-        Vec4::new(r * a, g * a, b * a, a)
+        let projected = value.map_or(Vec4::ZERO, |value| {
+            let [r, g, b, a] = self.classified.levels[0].lut.sample(value);
+            Vec4::new(r * a, g * a, b * a, a)
+        });
+        let behind = projected + self.back * (1.0 - projected.w);
+        self.sum + behind * (1.0 - self.sum.w)
     }
 
     /// Composites behind what is there.
@@ -112,40 +136,34 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         self.sum += color.extend(1.0) * ((1.0 - self.sum.w) * opacity);
     }
 
-    fn take_sample(&mut self, place: &Place<'_>, offset: Vec3, value: f32) {
+    fn take_sample(&mut self, place: &Place<'_>, i: i32, value: f32) {
         let [r, g, b, a] = place.tables.lut.sample(value);
         if a > 0.0 {
-            let color = self.lit(Vec3::new(r, g, b), place, offset);
-            self.add(color, a);
+            let color = self.lit(Vec3::new(r, g, b), place, place.ray.offset(i as f32));
+            self.add(color, opacity_of_share(a, place.samples.share(i)));
         }
     }
 
     /// The segment from the sample before, lit by the gradient at its far end.
-    fn take_segment(
-        &mut self,
-        place: &Place<'_>,
-        table: &PreintegratedTable,
-        offset: Vec3,
-        value: f32,
-    ) {
+    fn take_segment(&mut self, place: &Place<'_>, table: &PreintegratedTable, i: i32, value: f32) {
         let Some(before) = self.before else {
             return;
         };
         let [r, g, b, a] = table.sample(before, value);
         if a > 0.0 {
-            let color = self.lit(Vec3::new(r, g, b) / a, place, offset);
-            self.add(color, a);
+            let color = self.lit(Vec3::new(r, g, b) / a, place, place.ray.offset(i as f32));
+            self.add(color, opacity_of_share(a, place.samples.share(i - 1)));
         }
     }
 
-    fn take_gradient(&mut self, place: &Place<'_>, offset: Vec3, value: f32) {
+    fn take_gradient(&mut self, place: &Place<'_>, i: i32, value: f32) {
         let [r, g, b, depth] = place.tables.lut.sample(value);
         if depth <= 0.0 {
             return;
         }
-        let gradient = self.gradient(place, offset);
+        let gradient = self.gradient(place, place.ray.offset(i as f32));
         let strength = (gradient.length() * self.classified.gradient_scale).min(1.0);
-        let opacity = 1.0 - (-(depth * strength)).exp();
+        let opacity = 1.0 - (-(depth * strength * place.samples.share(i))).exp();
         if opacity > 0.0 {
             let color = self.shaded(Vec3::new(r, g, b), gradient, place);
             self.add(color, opacity);
@@ -188,6 +206,10 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         for k in crossed {
             let surface = self.classified.surfaces[k];
             let at = self.refine(place, &surface, i as f32, from < to);
+            let [begin, end] = place.samples.between;
+            if !(begin..end).contains(&at) {
+                continue;
+            }
             let color = self.lit(surface.color, place, place.ray.offset(at));
             self.add(color, surface.opacity);
             if self.sum.w >= self.settings.opacity_cutoff {
@@ -266,5 +288,14 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
                 phong(color, gradient, place.ray.direction, &self.settings.shading)
             }
         }
+    }
+}
+
+/// The opacity of a part of a segment whose opacity is `opacity`: as long as `share` of it.
+fn opacity_of_share(opacity: f32, share: f32) -> f32 {
+    if share < 1.0 {
+        1.0 - (1.0 - opacity).powf(share)
+    } else {
+        opacity
     }
 }

@@ -148,6 +148,60 @@ pub const RAYCAST: Entries = &[
     compute(10, WRITE_DISTANCES),
 ];
 
+/// Group 3 of the caster: `bind/parts.wgsl`.
+pub const PARTS: Entries = &[
+    compute(
+        0,
+        texture(TextureSampleType::Uint, TextureViewDimension::D2),
+    ),
+    compute(
+        1,
+        texture(TextureSampleType::Uint, TextureViewDimension::D2),
+    ),
+];
+
+/// Group 1 of the passes that cut rays to parts: `bind/geometry.wgsl`.
+pub const GEOMETRY: Entries = &[
+    entry(
+        0,
+        ShaderStages::VERTEX_FRAGMENT.union(ShaderStages::COMPUTE),
+        buffer(BufferBindingType::Uniform),
+    ),
+    compute(1, READ),
+    compute(2, READ),
+    compute(3, READ),
+    compute(4, READ),
+    entry(
+        5,
+        ShaderStages::FRAGMENT.union(ShaderStages::COMPUTE),
+        WRITE,
+    ),
+    entry(
+        6,
+        ShaderStages::FRAGMENT.union(ShaderStages::COMPUTE),
+        WRITE,
+    ),
+    entry(
+        7,
+        ShaderStages::FRAGMENT.union(ShaderStages::COMPUTE),
+        WRITE,
+    ),
+];
+
+const fn write_words(format: TextureFormat) -> BindingType {
+    BindingType::StorageTexture {
+        access: StorageTextureAccess::WriteOnly,
+        format,
+        view_dimension: TextureViewDimension::D2,
+    }
+}
+
+/// Group 2 of `pass/parts.wgsl`: the lists that are written.
+pub const PART_LISTS: Entries = &[
+    compute(0, write_words(TextureFormat::Rg32Uint)),
+    compute(1, write_words(TextureFormat::Rgba32Uint)),
+];
+
 /// Group 1 of `pass/leap.wgsl`.
 pub const LEAP: Entries = &[
     compute(0, buffer(BufferBindingType::Uniform)),
@@ -167,14 +221,7 @@ pub const RAYS: Entries = &[
 ];
 
 /// Group 2 of `pass/compact.wgsl`: the list that is written.
-pub const LIVE_LIST: Entries = &[compute(
-    0,
-    BindingType::StorageTexture {
-        access: StorageTextureAccess::WriteOnly,
-        format: TextureFormat::R32Uint,
-        view_dimension: TextureViewDimension::D2,
-    },
-)];
+pub const LIVE_LIST: Entries = &[compute(0, write_words(TextureFormat::R32Uint))];
 
 /// Group 3 of `pass/compact.wgsl`: what indirect dispatches read.
 pub const LIVE_GROUPS: Entries = &[compute(0, WRITE)];
@@ -203,7 +250,7 @@ pub const fn volume_of(atlas: AtlasPart) -> Entries {
 /// Every shader with its groups, in order.
 pub fn shaders() -> Vec<(ShaderSource, Vec<Entries>)> {
     let casters = shader::RAYCASTERS.iter().chain(shader::SLABCASTERS);
-    let casters = casters.map(|&(_, atlas, s)| (s, vec![FRAME, volume_of(atlas), RAYCAST]));
+    let casters = casters.map(|&(_, atlas, s)| (s, vec![FRAME, volume_of(atlas), RAYCAST, PARTS]));
     let bare = |source, atlas| (source, vec![FRAME, volume_of(atlas), BARE]);
     [
         (shader::BOUNDS, vec![FRAME]),
@@ -211,6 +258,8 @@ pub fn shaders() -> Vec<(ShaderSource, Vec<Entries>)> {
         (shader::REPORT, vec![FRAME, RAYS]),
         (shader::COMPACT, vec![FRAME, RAYS, LIVE_LIST, LIVE_GROUPS]),
         (shader::LAYERS, vec![FRAME, RAYS, LAYERS]),
+        (shader::CROSSINGS, vec![FRAME, GEOMETRY]),
+        (shader::RAY_PARTS, vec![FRAME, GEOMETRY, PART_LISTS]),
         bare(shader::BARE_FILTERED, AtlasPart::Filtered),
         bare(shader::BARE_FLOAT, AtlasPart::Float),
         bare(shader::BARE_UINT, AtlasPart::Uint),

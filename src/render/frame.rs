@@ -301,9 +301,7 @@ fn uniforms(
         uniforms.indirection_origin = volume.indirection_origin(level.lod).extend(0).to_array();
     }
     FrameUniforms {
-        clip_from_offset: clip_from_offset(rays, DepthRange::new(rays), tile)
-            .as_mat4()
-            .to_cols_array_2d(),
+        clip_from_offset: clip_from_offset(rays, tile).as_mat4().to_cols_array_2d(),
         atlas_slots: volume.shape().slots().extend(0).to_array(),
         texture_from_atlas: padded(1.0 / volume.shape().texels.as_vec3()),
         tile_origin: tile.origin,
@@ -467,11 +465,17 @@ impl DepthRange {
 
 /// Clip space (cropped to the tile and its margin) from an offset from the anchor in voxels of the mesh's level. Pixel centres
 /// of the raster are where rays pass through pixels: 3×3 of them bound a ray as well at any place in its pixel.
-fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
+fn clip_from_offset(rays: &RayFrame, tile: Tile) -> DMat4 {
     let level = rays.coarsest_used();
     let anchor = level.anchor.as_dvec3();
     let world_from_offset = level.world_from_level * DAffine3::from_translation(anchor);
-    let view_from_offset = DMat4::from(rays.world_from_view.inverse() * world_from_offset);
+    clip_from_world(rays, tile, BOUNDS_MARGIN) * DMat4::from(world_from_offset)
+}
+
+/// Clip space, cropped to the tile and a margin of so many pixels around it.
+pub(super) fn clip_from_world(rays: &RayFrame, tile: Tile, margin: u32) -> DMat4 {
+    let depth = DepthRange::new(rays);
+    let view_from_world = DMat4::from(rays.world_from_view.inverse());
     let [half_width, half_height] = rays.half_extent;
     // View space looks along −z.
     let clip_from_view = match rays.projection {
@@ -489,7 +493,7 @@ fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
         ),
     };
     let [width, height] = rays.size.map(f64::from);
-    let margin = f64::from(BOUNDS_MARGIN);
+    let margin = f64::from(margin);
     let [x0, y0] = [0, 1].map(|axis| {
         let moved = f64::from(rays.place_in_pixel[axis]) - 0.5;
         f64::from(tile.origin[axis]) - margin + moved
@@ -500,5 +504,5 @@ fn clip_from_offset(rays: &RayFrame, depth: DepthRange, tile: Tile) -> DMat4 {
         1.0 - (height - 2.0 * y0) / h,
         0.0,
     )) * DMat4::from_scale(DVec3::new(width / w, height / h, 1.0));
-    crop * clip_from_view * view_from_offset
+    crop * clip_from_view * view_from_world
 }

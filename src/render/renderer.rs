@@ -10,13 +10,14 @@ use glam::Vec4;
 use super::feedback::{Feedback, PendingFeedback};
 use super::frame::{BOUNDS_MARGIN, DispatchParams, FrameBindings, FrameInputs, Tile};
 use super::passes::{
-    BoundsPass, BoundsTargets, CastKind, LeapFault, LeapPass, LeapTargets, MeshBuffers,
+    BoundsPass, BoundsTargets, CastKind, LeapFault, LeapPass, LeapTargets, MeshBuffers, PartsPass,
     RaycastPass, RaycastTargets,
 };
 use super::residency::Residency;
 use super::several::{Flow, SeveralPasses, SeveralTargets};
 use super::spread::spread;
 use super::tiling::PixelList;
+use crate::clip::Geometry;
 use crate::gpu::layout::{
     FEEDBACK_COMPACTED, FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_PIXELS,
     FEEDBACK_QUIET, FEEDBACK_SKIP, MAX_GROUPS, PixelCounts, RayState, SKIP_BLOCKS, SKIP_OUTSIDE,
@@ -51,6 +52,7 @@ pub struct Renderer {
     leap: Option<LeapPass>,
     leap_fault: Option<LeapFault>,
     several: SeveralPasses,
+    parts: PartsPass,
     targets: Option<Targets>,
     mesh: Option<MeshBuffers>,
     levels: usize,
@@ -96,6 +98,7 @@ impl Renderer {
             leap_fault,
             frame,
             several: SeveralPasses::new(pass_samples),
+            parts: PartsPass::new(gpu),
             targets: None,
             mesh: None,
             levels,
@@ -107,6 +110,19 @@ impl Renderer {
     /// Bytes of tables and uniforms for volumes of `levels` levels.
     pub fn frame_bytes(levels: usize) -> u64 {
         FrameBindings::bytes_for(levels)
+    }
+
+    /// Bytes that geometry needs in tiles of `tile` pixels: of itself, and at least of what rays are cut to.
+    pub fn geometry_bytes(geometry: &Geometry, tile: [u32; 2]) -> [u64; 2] {
+        [
+            PartsPass::geometry_bytes(geometry),
+            PartsPass::least_bytes(geometry, tile),
+        ]
+    }
+
+    /// Bytes that what rays cross, and the parts that they are cut to, may take.
+    pub fn set_most_parts_bytes(&mut self, bytes: u64) {
+        self.parts.most_bytes = bytes;
     }
 
     /// Bytes of the tables of integrals of a pre-integrated picture.
@@ -135,6 +151,7 @@ impl Renderer {
                     + leap.map_or(0, |(l, _)| LeapTargets::bytes(l.size(), t.size))
             })
             + self.mesh.as_ref().map_or(0, MeshBuffers::bytes)
+            + self.parts.bytes()
     }
 
     /// Sends the tables and builds the pipelines for a picture in tiles of `tile` pixels.
@@ -157,16 +174,30 @@ impl Renderer {
             CastKind::Tile
         };
         self.raycast
-            .prepare(gpu, inputs, &self.frame, volume, how)?;
+            .prepare(gpu, inputs, &self.frame, volume, &self.parts.layout, how)?;
         let has_list = matches!(
             inputs.settings.anti_aliasing,
             AntiAliasing::Selective { .. }
         );
         if has_list && !draft {
-            self.raycast
-                .prepare(gpu, inputs, &self.frame, volume, CastKind::List)?;
+            self.raycast.prepare(
+                gpu,
+                inputs,
+                &self.frame,
+                volume,
+                &self.parts.layout,
+                CastKind::List,
+            )?;
         }
         self.several.prepare(gpu, inputs, &self.frame, flow)?;
+        let settings = inputs.settings;
+        self.parts.prepare(
+            gpu,
+            &self.frame,
+            &settings.geometry,
+            settings.camera.projection,
+            tile,
+        )?;
         if self.targets.as_ref().is_none_or(|t| {
             t.size != tile || t.technique != technique || t.feedback != volume.feedback
         }) {
@@ -286,7 +317,7 @@ impl Renderer {
         tile: &Tile,
         pixels: PixelList<'_>,
     ) -> Result<(), GpuError> {
-        self.read_times(gpu, 4)?;
+        self.read_times(gpu, 16)?;
         self.several.begin_tile();
         let targets = self
             .targets
@@ -315,7 +346,8 @@ impl Renderer {
             );
         }
         gpu.queue.submit([encoder.finish()]);
-        Ok(())
+        self.parts
+            .cut(gpu, &self.frame, inputs.rays, tile, &mut self.timer)
     }
 
     /// Casts rays of a tile that was begun. Technique layers waits until its layers are measured.
@@ -386,8 +418,14 @@ impl Renderer {
                 (several, cast_group),
                 (&plan, groups.len() as u32),
                 |pass, group| {
-                    self.raycast
-                        .bind(pass, inputs, &self.frame, volume, group, how);
+                    self.raycast.bind(
+                        pass,
+                        inputs,
+                        &self.frame,
+                        volume,
+                        [group, self.parts.group()],
+                        how,
+                    );
                 },
             );
         }

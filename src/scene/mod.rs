@@ -10,7 +10,9 @@ mod classified;
 mod extreme;
 mod frame;
 mod image;
+mod part;
 mod settings;
+mod shade;
 mod slab;
 mod stats;
 
@@ -19,10 +21,12 @@ pub use classified::{Classified, ClassifiedLevel, ClassifiedSurface, SceneError,
 pub use extreme::Extreme;
 pub use frame::{GridParams, LevelFrame, LodRule, RayFrame, interleaved_offset, volume_bounds};
 pub use image::Image;
+pub use part::{Contribution, PartSamples, RayPart, ray_parts};
 pub use settings::{
     AntiAliasing, Background, Classification, GradientFilter, Interpolation, IsoSurface, Jitter,
     LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
     TransferMode,
 };
+pub use shade::phong;
 pub use slab::{SlabRim, SlabShape};
 pub use stats::{CellSamples, LayerStats, PictureStats, RayCounts};

@@ -1,10 +1,13 @@
 //! Everything a user may choose about one picture, in physical units.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec3};
 
 use super::LodRule;
 use crate::camera::Camera;
 use crate::classify::TransferFunction;
+use crate::clip::Geometry;
 use crate::geom::Lod;
 
 /// What is computed along a ray (cli.md, "Colour").
@@ -387,6 +390,7 @@ impl PictureSettings {
             technique: Technique::Default,
             leap: false,
             anti_aliasing: AntiAliasing::Off,
+            geometry: Arc::default(),
             camera,
         }
     }
@@ -446,9 +450,9 @@ impl PictureSettings {
     }
 
     /// Do frames that are not final leap? Not in modes that project: what is less than the extreme contributes to their
-    /// pictures, too.
+    /// pictures, too. Nor with geometry, which may lie in what is empty.
     pub fn leaps(&self) -> bool {
-        self.leap && !self.mode.projects()
+        self.leap && !self.mode.projects() && self.geometry.is_empty()
     }
 
     /// Which levels are sampled.
@@ -496,6 +500,8 @@ pub struct PictureSettings {
     pub leap: bool,
     /// Which pixels get several rays.
     pub anti_aliasing: AntiAliasing,
+    /// What cuts the volume, and what is drawn with it.
+    pub geometry: Arc<Geometry>,
     /// From where.
     pub camera: Camera,
 }

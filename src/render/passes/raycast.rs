@@ -49,6 +49,8 @@ struct Variant {
     /// Of mode iso.
     surfaces: u32,
     one_opaque: bool,
+    /// The picture has geometry: rays are cut to parts.
+    cut: bool,
     orthographic: bool,
     many_levels: bool,
     many_atlases: bool,
@@ -84,7 +86,10 @@ impl Variant {
             filtered_gradients: settings.shading.gradient == GradientFilter::Filtered,
             minimum: settings.mode == Mode::MinIp,
             surfaces: surfaces.len() as u32,
-            one_opaque: matches!(surfaces[..], [s] if s.opacity >= settings.opacity_cutoff),
+            // Behind a layer a ray may meet the surface once more.
+            one_opaque: settings.geometry.surfaces.is_empty()
+                && matches!(surfaces[..], [s] if s.opacity >= settings.opacity_cutoff),
+            cut: !settings.geometry.is_empty(),
             orthographic: settings.camera.projection == Projection::Orthographic,
         }
     }
@@ -106,6 +111,7 @@ impl Variant {
             flag("MANY_ATLASES", self.many_atlases),
             flag("DRAFT", self.draft),
             flag("LEAP", self.leap),
+            flag("CUT", self.cut),
             flag("EXTREME", self.mode == ModePart::Extreme),
             flag("MINIMUM", self.minimum),
             flag(
@@ -411,6 +417,7 @@ impl RaycastPass {
         inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
         volume: &Residency,
+        parts: &wgpu::BindGroupLayout,
         how: CastKind,
     ) -> Result<(), GpuError> {
         let variant = Variant::new(inputs, volume, how);
@@ -428,7 +435,7 @@ impl RaycastPass {
             doing: "building the raycaster",
             module: &module,
             entry,
-            layouts: &[&frame.layout, &volume.layout, &self.layout],
+            layouts: &[&frame.layout, &volume.layout, &self.layout, parts],
             constants: &variant.constants(),
             // Whatever is read there was written before.
             zero_workgroup_memory: false,
@@ -455,14 +462,14 @@ impl RaycastPass {
         pixels.div_ceil(GROUP[0] * GROUP[1])
     }
 
-    /// Makes `pass` ready to cast, with `group` as group 2. The pipeline must have been prepared.
+    /// Makes `pass` ready to cast, with these as groups 2 and 3. The pipeline must have been prepared.
     pub(in crate::render) fn bind(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
         inputs: &FrameInputs<'_>,
         frame: &FrameBindings,
         volume: &Residency,
-        group: &wgpu::BindGroup,
+        [group, parts]: [&wgpu::BindGroup; 2],
         how: CastKind,
     ) {
         let pipeline = self
@@ -473,5 +480,6 @@ impl RaycastPass {
         pass.set_bind_group(0, &frame.group, &[]);
         pass.set_bind_group(1, &volume.group, &[]);
         pass.set_bind_group(2, group, &[]);
+        pass.set_bind_group(3, parts, &[]);
     }
 }

@@ -1,12 +1,12 @@
-//! Phong's model, as `shaders/lib/shade.wgsl` has it.
+//! Phong's model for one ray, as `shaders/lib/shade.wgsl` has it.
 
 use glam::Vec3;
 
-use crate::scene::Shading;
+use super::Shading;
 
 /// The colour of a lit sample: two-sided Phong with a white highlight. `gradient` is in world units (any length; zero
 /// means no surface: ambient only), `ray` the unit direction of the ray.
-pub(super) fn phong(color: Vec3, gradient: Vec3, ray: Vec3, shading: &Shading) -> Vec3 {
+pub fn phong(color: Vec3, gradient: Vec3, ray: Vec3, shading: &Shading) -> Vec3 {
     let length = gradient.length();
     if length <= f32::MIN_POSITIVE {
         return color * shading.ambient;

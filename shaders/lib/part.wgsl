@@ -1,0 +1,92 @@
+// Rays cut to parts: what clip geometry leaves of them, and the layers of meshes in between. The twin is scene::part.
+//
+// A record of a part: where it begins, mm (the sign bit: it goes on behind the layer before), where it ends and its layer
+// lies, mm, and the layer: lit colour, premultiplied, and opacity, 16 bits each; no opacity, no layer.
+
+// The picture has geometry.
+override CUT: bool = false;
+
+// The part of a ray that is walked.
+struct Part {
+    // Which; all are done when it is `count`.
+    number: u32,
+    count: u32,
+    // Number of the first record.
+    records: u32,
+    // In samples of the ray's level.
+    end: f32,
+    // The layers at its ends, in samples; far away where there is none.
+    between: vec2f,
+    layer: vec4f,
+    // The next sample follows none.
+    is_new: bool,
+}
+
+// The pixel's list of parts.
+fn part_list(tile_pixel: vec2u, number: u32) -> Part {
+    var part: Part;
+    part.number = number;
+    part.between = vec2f(-1e30, 1e30);
+    if CUT {
+        let list = textureLoad(part_lists, tile_pixel, 0);
+        part.records = list.x;
+        part.count = list.y;
+    }
+    return part;
+}
+
+// Leaves of the ray's samples at its level those of the part.
+fn part_cut(ray: ptr<function, Ray>, part: ptr<function, Part>) {
+    if !CUT {
+        return;
+    }
+    if (*part).number >= (*part).count {
+        (*ray).last = -1;
+        (*ray).first = 0;
+        return;
+    }
+    let place = (*part).records + (*part).number;
+    let record = textureLoad(part_records, vec2u(place % PART_RECORDS_WIDE, place / PART_RECORDS_WIDE), 0);
+    let begin = ray_index(*ray, bitcast<f32>(record.x & 0x7fffffffu));
+    let end = ray_index(*ray, bitcast<f32>(record.y));
+    let layer = vec4f(unpack2x16unorm(record.z), unpack2x16unorm(record.w));
+    // The sample in front of a layer is taken on both sides of it; so is, with segments, the one behind it.
+    let continues = MODE_SPLITS && (record.x >> 31u) != 0u;
+    let has_layer = layer.a > 0.0;
+    let first = select(ceil(begin), floor(begin), continues);
+    let last = ceil(end) - select(1.0, 0.0, MODE_SEGMENTS && has_layer);
+    (*ray).first = max((*ray).first, i32(clamp(first, -2e9, 2e9)));
+    (*ray).last = min((*ray).last, select(i32(clamp(last, -2e9, 2e9)), -1, begin >= end));
+    (*part).end = end;
+    (*part).layer = layer;
+    (*part).between = vec2f(select(-1e30, begin, continues), select(1e30, end, MODE_SPLITS && has_layer));
+}
+
+// How much of the segment behind sample `i` lies between the layers, 0 to 1.
+fn part_share(part: Part, i: i32) -> f32 {
+    return min(f32(i) + 1.0, part.between.y) - max(f32(i), part.between.x);
+}
+
+// The opacity of a part of a segment whose opacity is `opacity`.
+fn part_opacity(part: Part, i: i32, opacity: f32) -> f32 {
+    if !CUT {
+        return opacity;
+    }
+    let share = part_share(part, i);
+    return select(opacity, 1.0 - pow(max(1.0 - opacity, 1e-30), share), share < 1.0);
+}
+
+// A layer behind what is there. True when nothing more can change the ray.
+fn part_meet(sum: ptr<function, vec4f>, layer: vec4f) -> bool {
+    *sum += layer * (1.0 - (*sum).a);
+    return layer.a >= 1.0 || (*sum).a >= frame.opacity_cutoff;
+}
+
+// What a ray of a mode that projects shows; of one that goes on only the layers so far.
+fn part_project(caster: Cast, front: vec4f, projected: vec4f, back: vec4f) -> vec4f {
+    if !CUT {
+        return projected;
+    }
+    let behind = projected + back * (1.0 - projected.a);
+    return select(front + behind * (1.0 - front.a), front, caster.stopped || caster.paused);
+}

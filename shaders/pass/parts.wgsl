@@ -1,0 +1,240 @@
+// Cuts each ray to parts: sorts what it crosses, keeps what all half spaces and all closed meshes keep, and lists the layers of
+// the meshes that are drawn. The twin is clip::Geometry::spans.
+//
+// A point is inside a closed mesh where the mesh winds around it. The winding is counted from the far end, where it is 0:
+// what lies in front of the near plane, which no raster tells, doesn't matter.
+
+// Per pixel of the tile: number of its first record, and how many it has.
+@group(2) @binding(0) var lists: texture_storage_2d<rg32uint, write>;
+@group(2) @binding(1) var records: texture_storage_2d<rgba32uint, write>;
+
+// What is sorted at a time; of rays that cross more the rest follows in further rounds.
+const SORTED: u32 = 32u;
+
+// The order of crossings.
+struct CrossingKey {
+    mm: f32,
+    mesh: u32,
+    triangle: u32,
+}
+
+struct WorldRay {
+    origin: vec3f,
+    direction: vec3f,
+    near_mm: f32,
+    // Distance = this · depth along the view direction.
+    stretch: f32,
+}
+
+override ORTHOGRAPHIC: bool = false;
+
+// The list that is written.
+struct Parts {
+    base: u32,
+    count: u32,
+    // What the half spaces keep, mm.
+    kept: vec2f,
+    // Where the part began that is kept, and whether behind a layer.
+    begin_mm: f32,
+    continues: bool,
+}
+
+fn parts_ray(pixel: vec2u) -> WorldRay {
+    let plane = ray_plane(vec2f(pixel));
+    let world = frame.world_dir[0].xyz + frame.world_dir[1].xyz * plane.x + frame.world_dir[2].xyz * plane.y;
+    let stretch = sqrt(dot(world, world));
+    let origin = geometry.origin[0].xyz + geometry.origin[1].xyz * plane.x + geometry.origin[2].xyz * plane.y;
+    return WorldRay(origin, world / stretch, frame.near_mm * stretch, select(stretch, 1.0, ORTHOGRAPHIC));
+}
+
+// What all half spaces keep of a ray, mm.
+fn parts_kept(ray: WorldRay) -> vec2f {
+    var kept = vec2f(ray.near_mm, 1e30);
+    for (var k = 0u; k < geometry.planes; k++) {
+        let plane = half_spaces[k];
+        let distance = dot(plane.xyz, ray.origin) + plane.w;
+        let slope = dot(plane.xyz, ray.direction);
+        let at = -distance / slope;
+        if slope > 0.0 {
+            kept.x = max(kept.x, at);
+        } else if slope < 0.0 {
+            kept.y = min(kept.y, at);
+        } else if distance < 0.0 {
+            kept.y = -1e30;
+        }
+    }
+    return kept;
+}
+
+fn parts_key(ray: WorldRay, crossing: Crossing) -> CrossingKey {
+    let plane = triangle_planes[crossing.triangle];
+    let slope = dot(plane.xyz, ray.direction);
+    // Seen from the side its plane tells nothing: the raster does, to a thousandth. All that it drew lies behind the near
+    // plane, so that the crossings of a closed mesh stay balanced.
+    let about = crossing.depth_mm * ray.stretch;
+    let at = -(dot(plane.xyz, ray.origin) + plane.w) / select(slope, 1e-20, abs(slope) < 1e-20);
+    let near_about = clamp(at, about - abs(about) * 1e-3, about + abs(about) * 1e-3);
+    return CrossingKey(max(near_about, ray.near_mm), crossing.mesh, crossing.triangle);
+}
+
+// By distance, then mesh, then triangle.
+fn parts_before(a: CrossingKey, b: CrossingKey) -> bool {
+    let mesh_a = a.mesh & ~CROSSING_ENTERS;
+    let mesh_b = b.mesh & ~CROSSING_ENTERS;
+    return a.mm < b.mm || (a.mm == b.mm && (mesh_a < mesh_b || (mesh_a == mesh_b && a.triangle < b.triangle)));
+}
+
+fn parts_is_kept(windings: ptr<function, array<i32, MOST_CLIP_MESHES>>) -> bool {
+    for (var k = 0u; k < geometry.clip_meshes; k++) {
+        if ((*windings)[k] != 0) != (meshes[k].kind == MESH_INSIDE) {
+            return false;
+        }
+    }
+    return true;
+}
+
+fn parts_write(parts: ptr<function, Parts>, begin_mm: f32, continues: bool, end_mm: f32, layer: vec4f) {
+    let place = (*parts).base + (*parts).count;
+    (*parts).count += 1u;
+    if place < geometry.most_records {
+        let begin = bitcast<u32>(begin_mm) | select(0u, 1u << 31u, continues);
+        let packed = vec2u(pack2x16unorm(layer.rg), pack2x16unorm(layer.ba));
+        textureStore(
+            records,
+            vec2u(place % PART_RECORDS_WIDE, place / PART_RECORDS_WIDE),
+            vec4u(begin, bitcast<u32>(end_mm), packed),
+        );
+    }
+}
+
+// The part up to `to_mm` ends, behind it a layer, if it has opacity.
+fn parts_end(parts: ptr<function, Parts>, is_kept: bool, to_mm: f32, layer: vec4f) {
+    let is_cut = (*parts).begin_mm < (*parts).kept.x;
+    let begin_mm = max((*parts).begin_mm, (*parts).kept.x);
+    let end_mm = min(to_mm, (*parts).kept.y);
+    let has_volume = is_kept && begin_mm < end_mm;
+    let reaches = has_volume && end_mm == to_mm;
+    if has_volume {
+        parts_write(parts, begin_mm, (*parts).continues && !is_cut, end_mm, select(vec4f(0.0), layer, reaches));
+    }
+    if layer.a > 0.0 && !reaches {
+        parts_write(parts, 1e30, false, to_mm, layer);
+    }
+}
+
+// The layer of a triangle: lit, premultiplied colour, and opacity.
+fn parts_layer(ray: WorldRay, key: CrossingKey) -> vec4f {
+    let at = 6u * (key.triangle - geometry.first_drawn);
+    let corner = triangle_corners[at].xyz;
+    let side = triangle_corners[at + 1u].xyz - corner;
+    let other = triangle_corners[at + 2u].xyz - corner;
+    // Barycentric coordinates of the point by areas.
+    let normal = cross(side, other);
+    let point = ray.origin + ray.direction * key.mm - corner;
+    let scale = 1.0 / max(dot(normal, normal), 1e-30);
+    let weights = clamp(vec2f(dot(cross(point, other), normal), dot(cross(side, point), normal)) * scale, vec2f(0.0), vec2f(1.0));
+    let smooth_normal = triangle_corners[at + 3u].xyz * max(1.0 - weights.x - weights.y, 0.0)
+        + triangle_corners[at + 4u].xyz * weights.x + triangle_corners[at + 5u].xyz * weights.y;
+    let color = meshes[key.mesh & ~CROSSING_ENTERS].color;
+    return vec4f(shade_phong(color.rgb, smooth_normal, ray.direction), 1.0) * color.a;
+}
+
+@compute @workgroup_size(8, 8)
+fn make_parts(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= frame.part_size) {
+        return;
+    }
+    let ray = parts_ray(frame.tile_origin + id.xy);
+    var head = 0u;
+    if geometry.triangles > 0u {
+        head = atomicLoad(&crossing_heads[id.y * frame.tile_size.x + id.x]);
+    }
+    var windings: array<i32, MOST_CLIP_MESHES>;
+    // What ends the ray.
+    var wall = CrossingKey(2e30, 0u, 0u);
+    var node = head;
+    while node != 0u {
+        let crossing = crossings[node - 1u];
+        let key = parts_key(ray, crossing);
+        let mesh = crossing.mesh & ~CROSSING_ENTERS;
+        if mesh < geometry.clip_meshes {
+            windings[mesh] -= select(-1, 1, (crossing.mesh & CROSSING_ENTERS) != 0u);
+        } else if meshes[mesh].color.a >= 1.0 && parts_before(key, wall) {
+            wall = key;
+        }
+        node = crossing.next;
+    }
+    var count = 0u;
+    node = head;
+    while node != 0u {
+        let crossing = crossings[node - 1u];
+        let key = parts_key(ray, crossing);
+        count += u32(!parts_before(wall, key));
+        node = crossing.next;
+    }
+
+    var parts: Parts;
+    // A layer behind what half spaces keep takes two records.
+    parts.base = atomicAdd(&part_totals[1], 2u * count + 1u);
+    parts.kept = parts_kept(ray);
+    parts.begin_mm = ray.near_mm;
+    var is_kept = parts_is_kept(&windings);
+    var keys: array<CrossingKey, SORTED>;
+    // Only what follows this one is left.
+    var done = CrossingKey(-1.0, 0u, 0u);
+    var left = count;
+    var has_ended = false;
+    while left > 0u {
+        var sorted = 0u;
+        node = head;
+        while node != 0u {
+            let crossing = crossings[node - 1u];
+            let key = parts_key(ray, crossing);
+            node = crossing.next;
+            if parts_before(wall, key) || !parts_before(done, key) {
+                continue;
+            }
+            if sorted == SORTED && !parts_before(key, keys[SORTED - 1u]) {
+                continue;
+            }
+            var place = min(sorted, SORTED - 1u);
+            while place > 0u && parts_before(key, keys[place - 1u]) {
+                keys[place] = keys[place - 1u];
+                place -= 1u;
+            }
+            keys[place] = key;
+            sorted = min(sorted + 1u, SORTED);
+        }
+        if sorted == 0u {
+            break;
+        }
+        for (var k = 0u; k < sorted; k++) {
+            let key = keys[k];
+            let mesh = key.mesh & ~CROSSING_ENTERS;
+            if mesh < geometry.clip_meshes {
+                windings[mesh] += select(-1, 1, (key.mesh & CROSSING_ENTERS) != 0u);
+                let keeps = parts_is_kept(&windings);
+                if is_kept && !keeps {
+                    parts_end(&parts, true, key.mm, vec4f(0.0));
+                }
+                if keeps && !is_kept {
+                    parts.begin_mm = key.mm;
+                    parts.continues = false;
+                }
+                is_kept = keeps;
+            } else {
+                let layer = parts_layer(ray, key);
+                parts_end(&parts, is_kept, key.mm, layer);
+                parts.begin_mm = key.mm;
+                parts.continues = true;
+                has_ended |= layer.a >= 1.0;
+            }
+        }
+        done = keys[sorted - 1u];
+        left -= min(left, sorted);
+    }
+    if !has_ended {
+        parts_end(&parts, is_kept, 1e30, vec4f(0.0));
+    }
+    textureStore(lists, id.xy, vec4u(parts.base, parts.count, 0u, 0u));
+}
