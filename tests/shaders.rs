@@ -299,6 +299,8 @@ fn matches_variable(
                         (format, layout),
                         (StorageFormat::R32Float, TextureFormat::R32Float)
                             | (StorageFormat::R32Uint, TextureFormat::R32Uint)
+                            | (StorageFormat::Rg32Uint, TextureFormat::Rg32Uint)
+                            | (StorageFormat::Rgba32Uint, TextureFormat::Rgba32Uint)
                     )
             }
             _ => false,
@@ -392,10 +394,11 @@ fn bindings_of_another_kind_or_place_are_reported() {
         bindings::FRAME,
         bindings::VOLUME_FLOAT,
         bindings::RAYCAST,
+        bindings::PARTS,
         bindings::FRAME,
     ]);
     assert!(
-        more.contains("@group(3) @binding(0): in the layout only"),
+        more.contains("@group(4) @binding(0): in the layout only"),
         "a group too many: {more}"
     );
     let short = differences(&[

@@ -36,30 +36,31 @@ fn part_list(tile_pixel: vec2u, number: u32) -> Part {
 }
 
 // Leaves of the ray's samples at its level those of the part.
-fn part_cut(ray: ptr<function, Ray>, part: ptr<function, Part>) {
+fn part_cut(caster: ptr<function, Cast>) {
     if !CUT {
         return;
     }
-    if (*part).number >= (*part).count {
-        (*ray).last = -1;
-        (*ray).first = 0;
+    let part = (*caster).part;
+    if part.number >= part.count {
+        (*caster).ray.last = -1;
+        (*caster).ray.first = 0;
         return;
     }
-    let place = (*part).records + (*part).number;
+    let place = part.records + part.number;
     let record = textureLoad(part_records, vec2u(place % PART_RECORDS_WIDE, place / PART_RECORDS_WIDE), 0);
-    let begin = ray_index(*ray, bitcast<f32>(record.x & 0x7fffffffu));
-    let end = ray_index(*ray, bitcast<f32>(record.y));
+    let begin = ray_index((*caster).ray, bitcast<f32>(record.x & 0x7fffffffu));
+    let end = ray_index((*caster).ray, bitcast<f32>(record.y));
     let layer = vec4f(unpack2x16unorm(record.z), unpack2x16unorm(record.w));
     // The sample in front of a layer is taken on both sides of it; so is, with segments, the one behind it.
     let continues = MODE_SPLITS && (record.x >> 31u) != 0u;
     let has_layer = layer.a > 0.0;
     let first = select(ceil(begin), floor(begin), continues);
     let last = ceil(end) - select(1.0, 0.0, MODE_SEGMENTS && has_layer);
-    (*ray).first = max((*ray).first, i32(clamp(first, -2e9, 2e9)));
-    (*ray).last = min((*ray).last, select(i32(clamp(last, -2e9, 2e9)), -1, begin >= end));
-    (*part).end = end;
-    (*part).layer = layer;
-    (*part).between = vec2f(select(-1e30, begin, continues), select(1e30, end, MODE_SPLITS && has_layer));
+    (*caster).ray.first = max((*caster).ray.first, i32(clamp(first, -2e9, 2e9)));
+    (*caster).ray.last = min((*caster).ray.last, select(i32(clamp(last, -2e9, 2e9)), -1, begin >= end));
+    (*caster).part.end = end;
+    (*caster).part.layer = layer;
+    (*caster).part.between = vec2f(select(-1e30, begin, continues), select(1e30, end, MODE_SPLITS && has_layer));
 }
 
 // How much of the segment behind sample `i` lies between the layers, 0 to 1.
@@ -76,10 +77,9 @@ fn part_opacity(part: Part, i: i32, opacity: f32) -> f32 {
     return select(opacity, 1.0 - pow(max(1.0 - opacity, 1e-30), share), share < 1.0);
 }
 
-// A layer behind what is there. True when nothing more can change the ray.
-fn part_meet(sum: ptr<function, vec4f>, layer: vec4f) -> bool {
-    *sum += layer * (1.0 - (*sum).a);
-    return layer.a >= 1.0 || (*sum).a >= frame.opacity_cutoff;
+// With a layer behind what is there nothing more can change the ray.
+fn part_ends(sum: vec4f, layer: vec4f) -> bool {
+    return layer.a >= 1.0 || sum.a >= frame.opacity_cutoff;
 }
 
 // What a ray of a mode that projects shows; of one that goes on only the layers so far.

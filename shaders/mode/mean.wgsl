@@ -34,7 +34,8 @@ fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
         (*mode).back = layer;
         return true;
     }
-    return part_meet(&(*mode).front, layer);
+    (*mode).front += layer * (1.0 - (*mode).front.a);
+    return part_ends((*mode).front, layer);
 }
 
 fn mode_bound(mode: Mode) -> f32 {

@@ -35,7 +35,8 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
 }
 
 fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
-    return part_meet(&(*mode).sum, layer);
+    (*mode).sum += layer * (1.0 - (*mode).sum.a);
+    return part_ends((*mode).sum, layer);
 }
 
 fn mode_bound(mode: Mode) -> f32 {

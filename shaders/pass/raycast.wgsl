@@ -122,7 +122,7 @@ fn cast_begin(
     }
     caster.ray = ray_for_pixel(caster.pixel, level);
     caster.part = part_list(caster.tile_pixel, (*state).part);
-    part_cut(&caster.ray, &caster.part);
+    part_cut(&caster);
     caster.is_inside = caster.ray.first <= caster.ray.last || ((*state).flags & RAY_INSIDE) != 0u;
     if caster.is_idle {
         caster.ray.last = -1;
@@ -156,7 +156,7 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>, mode: p
         }
         (*caster).skipped += cast_skipped(*caster, *walk);
         (*caster).ray = ray_for_pixel((*caster).pixel, level);
-        part_cut(&(*caster).ray, &(*caster).part);
+        part_cut(caster);
         (*caster).part.is_new = true;
         (*caster).is_inside |= (*caster).ray.first <= (*caster).ray.last;
         let greatest = (*walk).greatest;

@@ -43,7 +43,7 @@ impl FromStr for ByteSize {
 }
 
 /// Exactly `N` finite numbers joined by commas.
-fn numbers<const N: usize>(s: &str) -> Result<[f64; N], String> {
+pub(super) fn numbers<const N: usize>(s: &str) -> Result<[f64; N], String> {
     let parsed: Option<Vec<f64>> = s
         .split(',')
         .map(|p| p.trim().parse::<f64>().ok().filter(|v| v.is_finite()))

@@ -7,6 +7,7 @@ use clap::ValueEnum;
 use glam::DVec3;
 
 use super::args::{self, AaArg, ByteSize, IsoSurfaces};
+use super::geometry::GeometryArgs;
 use crate::camera::{Camera, DEFAULT_FOV_Y_DEGREES, Projection};
 use crate::classify::{Preset, TransferFunction, grey_ramp, read_paraview, window_range};
 use crate::engine::{DeviceChoice, EngineOptions};
@@ -325,6 +326,9 @@ pub(super) struct PictureArgs {
     near: Option<f64>,
 
     #[command(flatten)]
+    geometry: GeometryArgs,
+
+    #[command(flatten)]
     machine: MachineArgs,
     /// How rays are walked; all give the same picture
     #[arg(long, value_enum, default_value = "default", help_heading = "Machine")]
@@ -465,6 +469,7 @@ impl PictureArgs {
                 TechniqueArg::Layers => Technique::Layers,
                 TechniqueArg::Slab => Technique::Slab,
             },
+            geometry: self.geometry.geometry()?,
             camera: self.camera(meta)?,
         })
     }

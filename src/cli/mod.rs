@@ -7,6 +7,7 @@
 pub mod args;
 mod cmd;
 mod config;
+mod geometry;
 
 use std::ffi::OsString;
 use std::io::{self, Write};

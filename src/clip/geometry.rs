@@ -16,7 +16,7 @@ pub enum Side {
 }
 
 /// A closed mesh that cuts the volume.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct ClipMesh {
     /// Closed: [`TriangleMesh::check_closed`].
     pub mesh: Arc<TriangleMesh>,
@@ -25,7 +25,7 @@ pub struct ClipMesh {
 }
 
 /// A mesh that is drawn with the volume, itself never cut.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct SurfaceMesh {
     /// Any mesh.
     pub mesh: Arc<TriangleMesh>,
@@ -33,6 +33,24 @@ pub struct SurfaceMesh {
     pub color: Vec3,
     /// In (0, 1]; 1 ends rays.
     pub opacity: f32,
+}
+
+/// The same mesh is not compared vertex by vertex.
+fn is_same(a: &Arc<TriangleMesh>, b: &Arc<TriangleMesh>) -> bool {
+    Arc::ptr_eq(a, b) || a == b
+}
+
+impl PartialEq for ClipMesh {
+    fn eq(&self, other: &Self) -> bool {
+        self.side == other.side && is_same(&self.mesh, &other.mesh)
+    }
+}
+
+impl PartialEq for SurfaceMesh {
+    fn eq(&self, other: &Self) -> bool {
+        let look = |s: &Self| (s.color, s.opacity);
+        look(self) == look(other) && is_same(&self.mesh, &other.mesh)
+    }
 }
 
 /// What cuts the volume, all of it by intersection, and what is drawn with it.
@@ -156,7 +174,7 @@ impl Geometry {
         let ([first_mm, last_mm], plane_cut) = self.kept_by_planes(origin, direction, near_mm);
 
         let mut spans = Vec::new();
-        let mut push = |begin: (f64, Option<DVec3>), to_mm: f64, is_kept, layer| {
+        let mut push = |begin: (f64, Option<DVec3>), to_mm: f64, is_kept, layer: Option<Layer>| {
             let (begin_mm, cut) = if begin.0 < first_mm {
                 (first_mm, plane_cut)
             } else {

@@ -15,6 +15,7 @@ use std::sync::Arc;
 
 use super::{EngineError, EngineOptions, Picture};
 use crate::classify::SegmentTables;
+use crate::clip::Geometry;
 use crate::geom::{BrickGrid, Lod};
 use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
@@ -284,7 +285,10 @@ impl GpuDevice {
         let wanted = (visible + coarsest).max(together as u64 + coarsest);
         let pictures = ready.pictures.iter();
         let integrals = pictures.map(|(plan, _)| Renderer::integrals_bytes(&plan.classified));
-        let others = self.other_bytes(tile, technique) + integrals.max().unwrap_or(0) + leap_bytes;
+        let others = self.other_bytes(tile, technique)
+            + integrals.max().unwrap_or(0)
+            + leap_bytes
+            + self.reserve_for_geometry(&ready.final_plan().settings.geometry, tile);
         let mut plan = self.atlas_plan(wanted, others, voxel_bytes)?;
         let keeps = self.volume.as_ref().is_some_and(|v| {
             let there = v.residency.plan();
@@ -330,6 +334,22 @@ impl GpuDevice {
             volume.classify(&self.gpu, rays, &ready.levels, &ready.bricks)?;
         }
         Ok(ready)
+    }
+
+    /// Bytes of a picture's geometry, and what rays may be cut to.
+    fn reserve_for_geometry(&mut self, geometry: &Geometry, tile: [u32; 2]) -> u64 {
+        if geometry.is_empty() {
+            return 0;
+        }
+        let [itself, least] = Renderer::geometry_bytes(geometry, tile);
+        let has_meshes = itself > 0;
+        let most = if has_meshes {
+            least.max(mesh_bytes(self.budget_bytes))
+        } else {
+            least
+        };
+        self.renderer.set_most_parts_bytes(most);
+        itself + most
     }
 
     /// Slots that a slab of a picture may need at once.

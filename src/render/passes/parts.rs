@@ -139,7 +139,7 @@ impl GeometryBuffers {
                 }));
                 if number >= of.clip_meshes.len() {
                     corners.extend(at.map(|p| padded(local(p))));
-                    corners.extend(mesh.corner_normals(triangle).map(padded));
+                    corners.extend(mesh.corner_normals()[triangle as usize].map(padded));
                 } else {
                     first_drawn += 1;
                 }
