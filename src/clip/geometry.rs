@@ -238,3 +238,6 @@ impl Geometry {
         spans
     }
 }
+
+#[cfg(test)]
+mod tests;
