@@ -1,5 +1,5 @@
 //! Real scans (BRICKSCOPE_DATA): every file of a built format goes in, verifies, and is drawn alike by both renderers; one
-//! head in 48 axis orders and flips gives one picture.
+//! head in 48 axis orders and flips gives one picture; meshes of other programs are read.
 #![cfg(feature = "gpu")]
 
 #[path = "support/compare.rs"]
@@ -16,8 +16,10 @@ use std::path::{Path, PathBuf};
 
 use brickscope::bricking::{self, NoProgress};
 use brickscope::classify::grey_ramp;
+use brickscope::clip::TriangleMesh;
 use brickscope::scene::{Mode, PictureSettings, default_window};
 use compare::{coverage, difference};
+use glam::DVec3;
 use scenes::{TestStore, drawn, reference, settings, store_of};
 
 /// The folder of the scans.
@@ -77,6 +79,29 @@ fn every_scan_of_a_built_format_is_bricked_and_verifies() {
             path.display(),
             report.faults
         );
+    }
+}
+
+#[test]
+#[cfg_attr(no_brickscope_data, ignore = "no BRICKSCOPE_DATA")]
+fn meshes_of_other_programs_are_read_and_can_cut() {
+    for path in files("mesh", &[".obj", ".ply", ".stl"]) {
+        let mesh = TriangleMesh::read(&path).unwrap_or_else(|e| panic!("{e}"));
+        let closed = mesh.check_closed();
+        let shown = closed
+            .as_ref()
+            .map_or_else(ToString::to_string, |()| "closed".to_owned());
+        println!("{}: {mesh:?}, {shown}", path.display());
+        assert!(closed.is_ok(), "{}: {shown}", path.display());
+        // A ray along x through the middle enters as often as it leaves.
+        let bounds = mesh.bounds();
+        let mut origin = bounds.center();
+        origin.x = bounds.min.x - 1.0;
+        let mut crossings = Vec::new();
+        mesh.crossings(origin, DVec3::X, &mut crossings);
+        let entered = crossings.iter().filter(|c| c.enters).count();
+        assert!(entered > 0, "{}: nothing is met", path.display());
+        assert_eq!(entered * 2, crossings.len(), "{}", path.display());
     }
 }
 

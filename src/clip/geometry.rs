@@ -257,3 +257,6 @@ impl Geometry {
         spans
     }
 }
+
+#[cfg(test)]
+mod tests;

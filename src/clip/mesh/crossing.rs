@@ -50,7 +50,7 @@ impl RaySpace {
     }
 
     /// Where a vertex lies beside the ray, and its distance along it.
-    fn from_world(&self, vertex: DVec3) -> DVec3 {
+    fn ray_from_world(&self, vertex: DVec3) -> DVec3 {
         let from_origin = (vertex - self.origin).to_array();
         let [x, y, z] = self.axes.map(|a| from_origin[a]);
         DVec3::new(x - self.shear[0] * z, y - self.shear[1] * z, z * self.per_z)
@@ -112,7 +112,7 @@ impl TriangleMesh {
             .bvh
             .get_or_init(|| Bvh::new(&self.vertices, &self.triangles));
         bvh.visit(origin, direction, |triangle| {
-            let corners = self.corners(triangle).map(|v| space.from_world(v));
+            let corners = self.corners(triangle).map(|v| space.ray_from_world(v));
             if let Some((at_mm, enters)) = space.crossing(corners)
                 && at_mm > 0.0
             {
@@ -136,7 +136,7 @@ mod tests {
         let space = RaySpace::new(origin, direction);
         (0..mesh.triangle_count() as u32)
             .filter_map(|triangle| {
-                let corners = mesh.corners(triangle).map(|v| space.from_world(v));
+                let corners = mesh.corners(triangle).map(|v| space.ray_from_world(v));
                 let (at_mm, enters) = space.crossing(corners)?;
                 (at_mm > 0.0).then_some(Crossing {
                     at_mm,
@@ -225,6 +225,19 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Both products round to 1 + 2ε, of which one is ε² more.
+    #[test]
+    fn the_side_of_an_edge_is_told_by_what_rounding_takes_away() {
+        let e = f64::EPSILON;
+        let (p, q) = (
+            DVec3::new(1.0 + e, 1.0, 0.0),
+            DVec3::new(1.0 + 2.0 * e, 1.0 + e, 0.0),
+        );
+        assert_eq!(p.x * q.y, p.y * q.x);
+        assert_eq!(edge(p, q), e * e);
+        assert_eq!(edge(q, p), -e * e);
     }
 
     /// Where nothing is round: turned, moved far, and rays that come from anywhere.

@@ -22,8 +22,8 @@ const CUBOID: [[u32; 3]; 12] = [
 ];
 
 impl TriangleMesh {
-    /// The most subdivisions of a sphere: 5 · 4^12 · 4 triangles.
-    pub const MOST_SUBDIVISIONS: u32 = 12;
+    /// The most subdivisions of a sphere: 20 · 4^10 triangles, 21 million.
+    pub const MOST_SUBDIVISIONS: u32 = 10;
 
     /// A closed mesh of 20 · 4^`subdivisions` triangles with corners on a sphere: an icosahedron whose triangles are divided
     /// into four, at most [`Self::MOST_SUBDIVISIONS`] times. A negative radius turns it inside out.

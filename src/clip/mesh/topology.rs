@@ -77,13 +77,18 @@ impl TriangleMesh {
     pub fn oriented(mut self) -> Self {
         let edges = self.edges();
         // At each side of each triangle: the neighbour and whether the two disagree.
-        let mut neighbours: Vec<Vec<(u32, bool)>> = Vec::new();
-        neighbours.resize_with(self.triangles.len(), Vec::new);
+        let mut neighbours: Vec<[Option<(u32, bool)>; 3]> = vec![[None; 3]; self.triangles.len()];
+        let mut join = |triangle: u32, other: u32, disagree: bool| {
+            let sides = &mut neighbours[triangle as usize];
+            if let Some(free) = sides.iter_mut().find(|s| s.is_none()) {
+                *free = Some((other, disagree));
+            }
+        };
         for same in edges.chunk_by(|a, b| a.ends == b.ends) {
             if let [a, b] = *same {
                 let disagree = a.is_upward == b.is_upward;
-                neighbours[a.triangle as usize].push((b.triangle, disagree));
-                neighbours[b.triangle as usize].push((a.triangle, disagree));
+                join(a.triangle, b.triangle, disagree);
+                join(b.triangle, a.triangle, disagree);
             }
         }
         let mut is_turned: Vec<Option<bool>> = vec![None; self.triangles.len()];
@@ -99,7 +104,7 @@ impl TriangleMesh {
             while let Some(&triangle) = shell.get(at) {
                 let own = is_turned[triangle] == Some(true);
                 turned += usize::from(own);
-                for &(other, disagree) in &neighbours[triangle] {
+                for (other, disagree) in neighbours[triangle].into_iter().flatten() {
                     let other = other as usize;
                     if is_turned[other].is_none() {
                         is_turned[other] = Some(own != disagree);
@@ -126,12 +131,15 @@ impl TriangleMesh {
         self
     }
 
-    /// The mesh as one that cuts: [`Self::oriented`], and closed.
+    /// The mesh as one that cuts: closed, and [`Self::oriented`] where it is not so already.
     ///
     /// # Errors
     /// As [`Self::check_closed`].
     pub fn into_closed(self) -> Result<Self, MeshError> {
-        let mesh = self.oriented();
+        let mesh = match self.check_closed() {
+            Err(MeshError::Orientation { .. }) => self.oriented(),
+            other => return other.map(|()| self),
+        };
         mesh.check_closed()?;
         Ok(mesh)
     }
@@ -195,16 +203,12 @@ mod tests {
             assert_eq!(pair.triangle_count(), 24);
             pair.check_closed()
                 .unwrap_or_else(|e| panic!("{low:?}: {e}"));
-            let oriented = pair.clone().into_closed().unwrap();
+            let oriented = pair.clone().oriented();
             assert_eq!(oriented, pair, "{low:?}: nothing to turn");
         }
         let shell = |radius| TriangleMesh::sphere(DVec3::ZERO, radius, 1).unwrap();
         let hollow = both(&shell(2.0), &shell(-1.0));
-        assert_eq!(
-            hollow.clone().into_closed().unwrap(),
-            hollow,
-            "shells keep their sides"
-        );
+        assert_eq!(hollow.clone().oriented(), hollow, "shells keep their sides");
     }
 
     /// The hemi-icosahedron: every edge belongs to two triangles, yet it has one side only.
