@@ -109,9 +109,9 @@ fn part_project(caster: Cast, front: vec4f, projected: vec4f, back: vec4f) -> ve
     return select(front + behind * (1.0 - front.a), front, caster.stopped || caster.paused);
 }
 
-// The gradient that sample `i` is lit by: the normal of the cut face where the segment behind sample `of` lies at one.
-fn part_gradient(part: Part, of: i32, gradient: vec3f) -> vec3f {
-    if FACE_NORMALS && any(part.face != vec3f(0.0)) && f32(of) < part.begin + 1.0 {
+// The gradient that sample `i` is lit by: the normal of the cut face where the segment behind sample `segment` lies at one.
+fn part_gradient(part: Part, segment: i32, gradient: vec3f) -> vec3f {
+    if FACE_NORMALS && any(part.face != vec3f(0.0)) && f32(segment) < part.begin + 1.0 {
         return part.face;
     }
     return gradient;

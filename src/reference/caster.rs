@@ -207,7 +207,7 @@ impl Ray {
         let is_inside = at.cmpge(level.box_min).all() && at.cmple(level.box_max).all();
         let is_of_level =
             samples.begin >= level.begin as f32 && (is_last || samples.begin < level.end as f32);
-        is_inside && is_of_level && samples.first <= samples.last
+        is_inside && is_of_level && samples.has_volume()
     }
 
     /// Offset of sample `index`; fractions are between samples.

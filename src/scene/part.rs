@@ -113,6 +113,11 @@ impl PartSamples {
         (i as f32 + 1.0).min(self.between[1]) - (i as f32).max(self.between[0])
     }
 
+    /// Does it end behind where it begins? It may have no sample all the same.
+    pub fn has_volume(&self) -> bool {
+        self.last > i32::MIN
+    }
+
     /// Does sample `i`, or the segment behind it, lie within a sample of where the part begins?
     pub fn is_at_face(&self, i: i32) -> bool {
         (i as f32) < self.begin + 1.0
