@@ -17,6 +17,44 @@ pub enum Projection {
     Perspective,
     /// All rays are parallel and start on the eye plane; the framing at the target is that of the perspective camera.
     Orthographic,
+    /// All rays start at the eye; the angle between a ray and the view's axis is proportional to the distance of its pixel from
+    /// the picture's middle (equidistant fisheye). The field of view is that of the picture's height and may exceed 180°.
+    Fisheye,
+    /// All rays start at the eye; columns are longitudes, rows latitudes: the whole sphere, whatever the field of view.
+    Equirectangular,
+}
+
+impl Projection {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::Perspective,
+        Self::Orthographic,
+        Self::Fisheye,
+        Self::Equirectangular,
+    ];
+
+    /// Its name on the command line and in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Perspective => "perspective",
+            Self::Orthographic => "orthographic",
+            Self::Fisheye => "fisheye",
+            Self::Equirectangular => "equirectangular",
+        }
+    }
+
+    /// Are its rays no lines of one raster? They may run in all directions.
+    pub const fn is_panoramic(self) -> bool {
+        matches!(self, Self::Fisheye | Self::Equirectangular)
+    }
+
+    /// The field of view must be below this, degrees.
+    pub const fn most_fov_degrees(self) -> f64 {
+        match self {
+            Self::Perspective | Self::Orthographic => 180.0,
+            Self::Fisheye | Self::Equirectangular => 360.0,
+        }
+    }
 }
 
 /// A camera: position, direction and opening, in world millimetres (RAS+).
@@ -30,9 +68,9 @@ pub struct Camera {
     pub target: DVec3,
     /// The direction that points up in the picture; any length but 0, need not be orthogonal to the view.
     pub up: DVec3,
-    /// Vertical field of view, degrees, between 0 and 180 (exclusive).
+    /// Vertical field of view, degrees, above 0 and below [`Projection::most_fov_degrees`].
     pub fov_y_degrees: f64,
-    /// Perspective or orthographic.
+    /// How rays run.
     pub projection: Projection,
     /// Nothing nearer to the eye plane than this is seen, mm; at least 0.
     pub near_mm: f64,
@@ -73,9 +111,25 @@ pub enum CameraError {
         /// The viewing direction, of length 1.
         forward: DVec3,
     },
-    /// Field of view not between 0 and 180 degrees.
-    #[error("camera field of view is {0} degrees; expected more than 0 and less than 180")]
-    Fov(f64),
+    /// Field of view out of the projection's range.
+    #[error("camera field of view is {fov} degrees; expected more than 0 and less than {most}")]
+    Fov {
+        /// What is there, degrees.
+        fov: f64,
+        /// It must be below this.
+        most: f64,
+    },
+    /// A fisheye whose corners would look beyond the point behind the camera.
+    #[error(
+        "the corners of a fisheye picture of {fov} degrees lie {corner:.0} degrees off its middle; expected at most 180: give a \
+         smaller field of view, or a less elongated picture"
+    )]
+    FisheyeCorner {
+        /// Vertical field of view, degrees.
+        fov: f64,
+        /// Of a corner, degrees.
+        corner: f64,
+    },
     /// Near distance negative or not finite.
     #[error("camera near distance is {0} mm; expected a finite number of at least 0")]
     Near(f64),
@@ -98,7 +152,7 @@ impl Camera {
     /// # Errors
     /// The field of view is not between 0 and 180 degrees.
     pub fn tan_half_fov(&self) -> Result<f64, CameraError> {
-        check_fov(self.fov_y_degrees).map(|fov| (fov * 0.5).tan())
+        check_fov(self.fov_y_degrees, 180.0).map(|fov| (fov * 0.5).tan())
     }
 
     /// The orthonormal axes of the picture.
@@ -112,7 +166,7 @@ impl Camera {
                 return Err(CameraError::NotFinite { field, value });
             }
         }
-        check_fov(self.fov_y_degrees)?;
+        check_fov(self.fov_y_degrees, self.projection.most_fov_degrees())?;
         if !(self.near_mm.is_finite() && self.near_mm >= 0.0) {
             return Err(CameraError::Near(self.near_mm));
         }
@@ -140,12 +194,12 @@ impl Camera {
 }
 
 /// `degrees` in radians, if it is a field of view.
-pub(super) fn check_fov(degrees: f64) -> Result<f64, CameraError> {
+pub(super) fn check_fov(degrees: f64, most: f64) -> Result<f64, CameraError> {
     // NaN fails both comparisons.
-    if degrees > 0.0 && degrees < 180.0 {
+    if degrees > 0.0 && degrees < most {
         Ok(degrees.to_radians())
     } else {
-        Err(CameraError::Fov(degrees))
+        Err(CameraError::Fov { fov: degrees, most })
     }
 }
 
@@ -212,7 +266,10 @@ mod tests {
         );
         for fov in [0.0, -1.0, 180.0, f64::NAN, f64::INFINITY] {
             assert!(
-                matches!(with(&|c| c.fov_y_degrees = fov), Err(CameraError::Fov(_))),
+                matches!(
+                    with(&|c| c.fov_y_degrees = fov),
+                    Err(CameraError::Fov { .. })
+                ),
                 "fov {fov}"
             );
         }

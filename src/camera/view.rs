@@ -1,5 +1,7 @@
 //! A checked camera with the shape of its picture: rays of pixels, and pixels of points.
 
+use std::f64::consts::PI;
+
 use glam::DVec3;
 
 use super::pose::{Basis, Camera, CameraError, Projection};
@@ -22,10 +24,10 @@ pub struct View {
     pub eye: DVec3,
     /// The picture's axes.
     pub basis: Basis,
-    /// Perspective or orthographic.
+    /// How rays run.
     pub projection: Projection,
     /// Half width and half height of the image plane: at distance 1 from the eye for perspective (dimensionless), in
-    /// millimetres for orthographic.
+    /// millimetres for orthographic; half angles for panoramas, radians.
     pub half_extent: [f64; 2],
     /// Nothing nearer to the eye plane than this is seen, mm.
     pub near_mm: f64,
@@ -39,16 +41,33 @@ impl Camera {
     /// See [`Camera::basis`].
     pub fn view(&self, aspect: f64) -> Result<View, CameraError> {
         let basis = self.basis()?;
-        let half_height = self.tan_half_fov()?
-            * match self.projection {
-                Projection::Perspective => 1.0,
-                Projection::Orthographic => self.eye.distance(self.target),
-            };
+        let half_extent = match self.projection {
+            Projection::Perspective => {
+                let half_height = self.tan_half_fov()?;
+                [half_height * aspect, half_height]
+            }
+            Projection::Orthographic => {
+                let half_height = self.tan_half_fov()? * self.eye.distance(self.target);
+                [half_height * aspect, half_height]
+            }
+            Projection::Fisheye => {
+                let half_height = self.fov_y_degrees.to_radians() * 0.5;
+                let corner = half_height * aspect.hypot(1.0);
+                if corner > PI {
+                    return Err(CameraError::FisheyeCorner {
+                        fov: self.fov_y_degrees,
+                        corner: corner.to_degrees(),
+                    });
+                }
+                [half_height * aspect, half_height]
+            }
+            Projection::Equirectangular => [PI, PI * 0.5],
+        };
         Ok(View {
             eye: self.eye,
             basis,
             projection: self.projection,
-            half_extent: [half_height * aspect, half_height],
+            half_extent,
             near_mm: self.near_mm,
         })
     }
@@ -68,6 +87,14 @@ impl View {
                 origin: self.eye + offset,
                 direction: forward,
             },
+            Projection::Fisheye | Projection::Equirectangular => {
+                let angles = [u * self.half_extent[0], v * self.half_extent[1]];
+                let [ahead, aside, above] = fan(self.projection, angles);
+                Ray {
+                    origin: self.eye,
+                    direction: forward * ahead + right * aside + up * above,
+                }
+            }
         }
     }
 
@@ -85,13 +112,29 @@ impl View {
         (world - self.eye).dot(self.basis.forward)
     }
 
-    /// Where `world` lands in the picture as u, v; `None` for a perspective view when it is not in front of the eye.
+    /// Where `world` lands in the picture as u, v; `None` for a perspective view when it is not in front of the eye, and at
+    /// the eye itself.
     pub fn project(&self, world: DVec3) -> Option<[f64; 2]> {
+        let offset = world - self.eye;
+        let along = [self.basis.forward, self.basis.right, self.basis.up].map(|a| offset.dot(a));
+        let angles = |[x, y]: [f64; 2]| {
+            let is_somewhere = offset != DVec3::ZERO;
+            is_somewhere.then_some([x / self.half_extent[0], y / self.half_extent[1]])
+        };
         let scale = match self.projection {
             Projection::Perspective => self.depth(world),
             Projection::Orthographic => 1.0,
+            Projection::Fisheye => {
+                let off_axis = along[1].hypot(along[2]);
+                let angle = off_axis.atan2(along[0]);
+                let scale = if off_axis > 0.0 { angle / off_axis } else { 0.0 };
+                return angles([along[1] * scale, along[2] * scale]);
+            }
+            Projection::Equirectangular => {
+                let level = along[0].hypot(along[1]);
+                return angles([along[1].atan2(along[0]), along[2].atan2(level)]);
+            }
         };
-        let offset = world - self.eye;
         (scale > 0.0).then(|| {
             [
                 offset.dot(self.basis.right) / (scale * self.half_extent[0]),
@@ -99,6 +142,17 @@ impl View {
             ]
         })
     }
+}
+
+/// Of the unit direction of a panorama's ray: ahead, to the right, up. `angles`: of its pixel from the picture's middle, radians.
+pub fn fan(projection: Projection, [x, y]: [f64; 2]) -> [f64; 3] {
+    if projection == Projection::Equirectangular {
+        let ((sin_x, cos_x), (sin_y, cos_y)) = (x.sin_cos(), y.sin_cos());
+        return [cos_y * cos_x, cos_y * sin_x, sin_y];
+    }
+    let angle = x.hypot(y);
+    let scale = if angle > 0.0 { angle.sin() / angle } else { 1.0 };
+    [angle.cos(), x * scale, y * scale]
 }
 
 #[cfg(test)]
@@ -118,7 +172,7 @@ mod tests {
 
     #[test]
     fn rays_go_through_the_points_that_project_to_them() {
-        for projection in [Projection::Perspective, Projection::Orthographic] {
+        for projection in Projection::ALL {
             let view = camera(projection).view(4.0 / 3.0).unwrap();
             for (x, y) in [(0.5, 0.5), (400.0, 300.0), (799.5, 100.25)] {
                 let ray = view.pixel_ray(x, y, [800, 600]);

@@ -18,10 +18,8 @@ use crate::render::bindings;
 use crate::render::frame::{FrameBindings, Tile, clip_from_world, padded};
 use crate::scene::RayFrame;
 
-/// Texels of a record; the second is not always used.
-const RECORD_TEXELS: u64 = 2;
-/// Bytes of a record.
-const RECORD_BYTES: u64 = RECORD_TEXELS * 16;
+/// Bytes of a texel of a record.
+const TEXEL_BYTES: u64 = 16;
 /// What there is room for at first, per pixel of a tile; what a picture takes more is made room for.
 const CROSSINGS_AT_FIRST: u64 = 4;
 
@@ -78,6 +76,8 @@ struct PartsTargets {
     totals: wgpu::Buffer,
     most_crossings: u64,
     most_records: u64,
+    /// Of a record.
+    texels: u64,
     lists: wgpu::TextureView,
     records: wgpu::TextureView,
     /// Group 3 of the caster.
@@ -244,10 +244,10 @@ impl PartsTargets {
     /// Bytes per pixel of a tile beside crossings and records.
     const BYTES_PER_PIXEL: u64 = 1 + 4 + 8;
 
-    /// Bytes for so many crossings, and the records that they may become.
-    fn bytes_for(pixels: u64, crossings: u64) -> u64 {
+    /// Bytes for so many crossings, and the records of so many texels that they may become.
+    fn bytes_for(pixels: u64, crossings: u64, texels: u64) -> u64 {
         crossings * size_of::<Crossing>() as u64
-            + Self::records_for(pixels, crossings) * RECORD_BYTES
+            + Self::records_for(pixels, crossings) * texels * TEXEL_BYTES
     }
 
     fn records_for(pixels: u64, crossings: u64) -> u64 {
@@ -259,6 +259,7 @@ impl PartsTargets {
         layout: &wgpu::BindGroupLayout,
         tile: [u32; 2],
         crossings: u64,
+        texels: u64,
     ) -> Self {
         let pixels = u64::from(tile[0]) * u64::from(tile[1]);
         let records = Self::records_for(pixels, crossings);
@@ -292,7 +293,7 @@ impl PartsTargets {
         };
         let written = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
         let lists = texture("parts.lists", tile, wgpu::TextureFormat::Rg32Uint, written);
-        let rows = (records * RECORD_TEXELS / u64::from(PART_RECORDS_WIDE)) as u32;
+        let rows = (records * texels / u64::from(PART_RECORDS_WIDE)) as u32;
         let records_view = texture(
             "parts.records",
             [PART_RECORDS_WIDE, rows],
@@ -315,6 +316,7 @@ impl PartsTargets {
             totals: buffer("parts.totals", 8),
             most_crossings: crossings,
             most_records: records,
+            texels,
             group: cast_group(gpu, layout, &lists, &records_view),
             lists,
             records: records_view,
@@ -323,7 +325,7 @@ impl PartsTargets {
 
     fn bytes(&self) -> u64 {
         let pixels = u64::from(self.tile[0]) * u64::from(self.tile[1]);
-        pixels * Self::BYTES_PER_PIXEL + self.crossings.size() + self.most_records * RECORD_BYTES
+        pixels * Self::BYTES_PER_PIXEL + self.crossings.size() + self.most_records * self.texels * TEXEL_BYTES
     }
 }
 
@@ -503,7 +505,8 @@ impl PartsPass {
         }
         let pixels = u64::from(tile[0]) * u64::from(tile[1]);
         let crossings = crossings_at_first(geometry, pixels);
-        pixels * PartsTargets::BYTES_PER_PIXEL + PartsTargets::bytes_for(pixels, crossings)
+        pixels * PartsTargets::BYTES_PER_PIXEL
+            + PartsTargets::bytes_for(pixels, crossings, texels_of(geometry))
     }
 
     /// Bytes of a geometry itself on the device, about.
@@ -551,9 +554,11 @@ impl PartsPass {
             self.geometry = None;
             self.geometry = Some(GeometryBuffers::new(gpu, geometry)?);
         }
-        if self.targets.as_ref().is_none_or(|t| t.tile != tile) {
+        let texels = texels_of(geometry);
+        let shape = |t: &PartsTargets| (t.tile, t.texels);
+        if self.targets.as_ref().map(shape) != Some((tile, texels)) {
             let pixels = u64::from(tile[0]) * u64::from(tile[1]);
-            self.make_targets(gpu, tile, crossings_at_first(geometry, pixels))?;
+            self.make_targets(gpu, tile, crossings_at_first(geometry, pixels), texels)?;
         }
         Ok(())
     }
@@ -563,10 +568,11 @@ impl PartsPass {
         gpu: &GpuContext,
         tile: [u32; 2],
         crossings: u64,
+        texels: u64,
     ) -> Result<(), GpuError> {
         self.targets = None;
         self.targets = Some(gpu.checked("allocating the lists of crossings", || {
-            Ok(PartsTargets::new(gpu, &self.layout, tile, crossings))
+            Ok(PartsTargets::new(gpu, &self.layout, tile, crossings, texels))
         })?);
         Ok(())
     }
@@ -626,11 +632,12 @@ impl PartsPass {
             let pixels = u64::from(tile_size[0]) * u64::from(tile_size[1]);
             // Some more, so that the next tile needn't wait twice.
             let room = crossings + crossings / 4;
-            let needed = PartsTargets::bytes_for(pixels, room);
+            let texels = targets.texels;
+            let needed = PartsTargets::bytes_for(pixels, room, texels);
             let most = self.most_bytes.min(
                 u64::from(gpu.caps.limits.max_texture_dimension_2d)
                     * u64::from(PART_RECORDS_WIDE)
-                    * RECORD_BYTES,
+                    * TEXEL_BYTES,
             );
             if needed > most {
                 return Err(GpuError::TooSmall {
@@ -641,9 +648,14 @@ impl PartsPass {
                     remedy: "give more --gpu-memory, or meshes of fewer layers".into(),
                 });
             }
-            self.make_targets(gpu, tile_size, room)?;
+            self.make_targets(gpu, tile_size, room, texels)?;
         }
     }
+}
+
+/// Texels of a record (`shaders/lib/part.wgsl`).
+fn texels_of(geometry: &Geometry) -> u64 {
+    if geometry.faces.matter() { 2 } else { 1 }
 }
 
 /// Room for crossings before any were counted.
