@@ -8,7 +8,7 @@
 @group(1) @binding(3) var<storage, read> triangle_planes: array<vec4f>;
 // Of each triangle that is drawn: three corners, from the geometry's origin, mm, and the normals there.
 @group(1) @binding(4) var<storage, read> triangle_corners: array<vec4f>;
-// Per pixel of the tile: number of the first crossing of its list, plus 1; 0 where there is none.
+// Per pixel of the tile, or of the faces of the cube: number of the first crossing of its list, plus 1; 0 where there is none.
 @group(1) @binding(5) var<storage, read_write> crossing_heads: array<atomic<u32>>;
 @group(1) @binding(6) var<storage, read_write> crossings: array<Crossing>;
 // Crossings and records so far, also those for which there was no room.

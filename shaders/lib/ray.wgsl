@@ -3,6 +3,9 @@
 // Samples are moved by a part of a step that depends on the pixel (techniques.md T1.4).
 override JITTERED: bool = false;
 
+// PANORAMA_*: how rays run in all directions, if they do.
+override PANORAMA: u32 = 0u;
+
 // False where only one level is sampled: its number is then a constant.
 override MANY_LEVELS: bool = true;
 
@@ -74,6 +77,43 @@ fn ray_plane(pixel: vec2f) -> vec2f {
     return vec2f(u, v);
 }
 
+// Sine and cosine of an angle from -π to π, as scene::frame has them.
+fn ray_half_turn(angle: f32) -> vec2f {
+    let h = angle * 0.5;
+    let q = h * h;
+    let s = h * (1.0 + q * (-1.0 / 6.0 + q * (1.0 / 120.0 + q * (-1.0 / 5040.0 + q * (1.0 / 362880.0 - q / 39916800.0)))));
+    return vec2f(2.0 * s * ray_half_cosine(q), 1.0 - 2.0 * s * s);
+}
+
+// Cosine of an angle by its square.
+fn ray_half_cosine(q: f32) -> f32 {
+    return 1.0 + q * (-0.5 + q * (1.0 / 24.0 + q * (-1.0 / 720.0
+        + q * (1.0 / 40320.0 + q * (-1.0 / 3628800.0 + q / 479001600.0)))));
+}
+
+// Weights of the direction's three vectors for the ray through a point of the image plane (scene::RayFrame::fan).
+fn ray_fan(plane: vec2f) -> vec3f {
+    if PANORAMA == PANORAMA_SPHERE {
+        let longitude = ray_half_turn(plane.x * frame.half_angles.x);
+        let latitude = ray_half_turn(plane.y * frame.half_angles.y);
+        return vec3f(latitude.y * longitude.y, latitude.y * longitude.x, latitude.x);
+    }
+    if PANORAMA == PANORAMA_FISHEYE {
+        let at = plane * frame.half_angles;
+        let angle = sqrt(dot(at, at));
+        let turn = ray_half_turn(angle);
+        let scale = select(1.0, turn.x / angle, angle > 1e-6);
+        return vec3f(turn.y, at * scale);
+    }
+    return vec3f(1.0, plane);
+}
+
+// Direction of a ray in the world, not normalised.
+fn ray_world(plane: vec2f) -> vec3f {
+    let fan = ray_fan(plane);
+    return frame.world_dir[0].xyz * fan.x + frame.world_dir[1].xyz * fan.y + frame.world_dir[2].xyz * fan.z;
+}
+
 // Where a ray enters and leaves the rendered box, in samples; the first is the greater where it misses.
 fn ray_box(ray: Ray, level: u32) -> vec2f {
     let to_min = (frame.levels[level].box_min.xyz - ray.base) / ray.step;
@@ -88,9 +128,10 @@ fn ray_through(pixel: vec2f, jitter: f32, level: u32) -> Ray {
     let plane = ray_plane(pixel);
     let u = plane.x;
     let v = plane.y;
-    let world = frame.world_dir[0].xyz + frame.world_dir[1].xyz * u + frame.world_dir[2].xyz * v;
-    let dir = frame.levels[level].level_dir[0].xyz + frame.levels[level].level_dir[1].xyz * u
-        + frame.levels[level].level_dir[2].xyz * v;
+    let fan = ray_fan(plane);
+    let world = ray_world(plane);
+    let dir = frame.levels[level].level_dir[0].xyz * fan.x + frame.levels[level].level_dir[1].xyz * fan.y
+        + frame.levels[level].level_dir[2].xyz * fan.z;
     let origin = frame.levels[level].level_origin[0].xyz + frame.levels[level].level_origin[1].xyz * u
         + frame.levels[level].level_origin[2].xyz * v;
     let step_mm = frame.levels[level].step_mm;

@@ -95,8 +95,8 @@ struct FrameUniforms {
     extreme_scale: f32,
     // No sample is greater (mode minip: no negated sample).
     extreme_end: f32,
-    pad3: u32,
-    pad4: u32,
+    // Panoramas: half the picture's width and height, radians.
+    half_angles: vec2f,
     levels: array<LevelUniforms, MAX_LEVELS>,
 }
 
@@ -143,8 +143,9 @@ struct RayState {
 struct GeometryUniforms {
     // Where rays begin, from the geometry's origin, mm.
     origin: array<vec4f, 3>,
-    // Clip space from a position as the meshes have it, cropped to the tile; reversed depth.
-    clip_from_mesh: mat4x4f,
+    // Clip space from a position as the meshes have it, cropped to the tile; reversed depth. Panoramas: of each face of a cube
+    // around the eye.
+    clip_from_mesh: array<mat4x4f, 6>,
     // Half spaces, meshes that cut, and the number of the first triangle that is drawn.
     planes: u32,
     clip_meshes: u32,
@@ -154,8 +155,9 @@ struct GeometryUniforms {
     most_records: u32,
     // Triangles of all meshes; none is looked for where there are none.
     triangles: u32,
+    // Pixels along an edge of the cube.
+    cube_edge: u32,
     pad0: u32,
-    pad1: u32,
 }
 
 // A mesh that cuts or is drawn.

@@ -3,30 +3,40 @@
 // a crossing lies is told by the triangle's plane (pass/parts.wgsl), about where by the depth.
 
 override ORTHOGRAPHIC: bool = false;
+// PANORAMA_*. The raster is that of the six faces of a cube, an instance for each.
+override PANORAMA: u32 = 0u;
 
 struct CrossingVertex {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(flat, either) triangle: u32,
     @location(1) @interpolate(flat, either) mesh: u32,
+    @location(2) @interpolate(flat, either) face: u32,
 }
 
 // Three to a triangle: the position, and the number of its mesh.
 @vertex
 fn crossings_vertex(
     @builtin(vertex_index) index: u32,
+    @builtin(instance_index) face: u32,
     @location(0) position: vec3f,
     @location(1) mesh: u32,
 ) -> CrossingVertex {
-    return CrossingVertex(geometry.clip_from_mesh * vec4f(position, 1.0), index / 3u, mesh);
+    return CrossingVertex(geometry.clip_from_mesh[face] * vec4f(position, 1.0), index / 3u, mesh, face);
 }
 
 @fragment
 fn crossings_fragment(vertex: CrossingVertex, @builtin(front_facing) enters: bool) -> @location(0) vec4f {
     let pixel = vec2u(vertex.position.xy);
-    if all(pixel < frame.part_size) {
+    var head = pixel.y * frame.tile_size.x + pixel.x;
+    var is_inside = all(pixel < frame.part_size);
+    if PANORAMA != PANORAMA_NONE {
+        head = (vertex.face * geometry.cube_edge + pixel.y) * geometry.cube_edge + pixel.x;
+        is_inside = true;
+    }
+    if is_inside {
         let place = atomicAdd(&part_totals[0], 1u);
         if place < geometry.most_crossings {
-            let next = atomicExchange(&crossing_heads[pixel.y * frame.tile_size.x + pixel.x], place + 1u);
+            let next = atomicExchange(&crossing_heads[head], place + 1u);
             let mesh = vertex.mesh | select(0u, CROSSING_ENTERS, enters);
             var depth_mm = 1.0 / vertex.position.w;
             if ORTHOGRAPHIC {

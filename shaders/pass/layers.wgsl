@@ -18,7 +18,11 @@ fn layers_left(tile_pixel: vec2u, first_level: u32, next: i32) -> u32 {
     var from_sample = next;
     loop {
         let ray = ray_for_pixel(frame.tile_origin + tile_pixel, level);
-        let reach = interval_reach(ray, interval_of_pixel(tile_pixel, ray.stretch));
+        var interval = vec2f(-1e30, 1e30);
+        if cast_order(FEEDBACK_SKIP) == SKIP_OUTSIDE {
+            interval = interval_of_pixel(tile_pixel, ray.stretch);
+        }
+        let reach = interval_reach(ray, interval);
         if reach.x <= reach.y {
             // As walk_all has them: from the sample before the interval's begin to the one after its end.
             let first = max(max(ray.first, from_sample), i32(floor(reach.x)));

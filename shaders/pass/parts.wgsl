@@ -22,8 +22,32 @@ struct WorldRay {
     origin: vec3f,
     direction: vec3f,
     near_mm: f32,
-    // Distance = this · depth along the view direction.
+    // Distance = this · depth along the view direction, or that of the cube's face.
     stretch: f32,
+    // Of the list of what it crosses.
+    head: u32,
+}
+
+// How far a crossing may lie from where the raster has it, as a part of its distance: rays of a panorama don't pass through the
+// middles of the cube's pixels.
+fn parts_slack() -> f32 {
+    return select(1e-3, 5e-2, PANORAMA != PANORAMA_NONE);
+}
+
+// The face of the cube that a direction meets, and where.
+fn parts_of_cube(ray: ptr<function, WorldRay>) {
+    let direction = (*ray).direction;
+    let size = abs(direction);
+    var axis = select(select(2u, 1u, size.y >= size.z), 0u, size.x >= size.y && size.x >= size.z);
+    let ahead = direction[axis];
+    let side = select(-1.0, 1.0, ahead > 0.0);
+    let across = -side * direction[(axis + 1u) % 3u] / abs(ahead);
+    let upward = direction[(axis + 2u) % 3u] / abs(ahead);
+    let edge = f32(geometry.cube_edge);
+    let pixel = vec2u(clamp(vec2f(across + 1.0, 1.0 - upward) * 0.5 * edge, vec2f(0.0), vec2f(edge - 1.0)));
+    let face = 2u * axis + select(1u, 0u, ahead > 0.0);
+    (*ray).head = (face * geometry.cube_edge + pixel.y) * geometry.cube_edge + pixel.x;
+    (*ray).stretch = 1.0 / abs(ahead);
 }
 
 override ORTHOGRAPHIC: bool = false;
@@ -47,10 +71,16 @@ struct Parts {
 
 fn parts_ray(pixel: vec2u) -> WorldRay {
     let plane = ray_plane(vec2f(pixel));
-    let world = frame.world_dir[0].xyz + frame.world_dir[1].xyz * plane.x + frame.world_dir[2].xyz * plane.y;
+    let world = ray_world(plane);
     let stretch = sqrt(dot(world, world));
     let origin = geometry.origin[0].xyz + geometry.origin[1].xyz * plane.x + geometry.origin[2].xyz * plane.y;
-    return WorldRay(origin, world / stretch, frame.near_mm * stretch, select(stretch, 1.0, ORTHOGRAPHIC));
+    let tile_pixel = pixel - frame.tile_origin;
+    let head = tile_pixel.y * frame.tile_size.x + tile_pixel.x;
+    var ray = WorldRay(origin, world / stretch, frame.near_mm * stretch, select(stretch, 1.0, ORTHOGRAPHIC), head);
+    if PANORAMA != PANORAMA_NONE {
+        parts_of_cube(&ray);
+    }
+    return ray;
 }
 
 // What all half spaces keep of a ray.
@@ -82,7 +112,8 @@ fn parts_key(ray: WorldRay, crossing: Crossing) -> CrossingKey {
     // plane, so that the crossings of a closed mesh stay balanced.
     let about = crossing.depth_mm * ray.stretch;
     let at = -(dot(plane.xyz, ray.origin) + plane.w) / select(slope, 1e-20, abs(slope) < 1e-20);
-    let near_about = clamp(at, about - abs(about) * 1e-3, about + abs(about) * 1e-3);
+    let slack = abs(about) * parts_slack();
+    let near_about = clamp(at, about - slack, about + slack);
     return CrossingKey(max(near_about, ray.near_mm), crossing.mesh, crossing.triangle);
 }
 
@@ -161,7 +192,7 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
     let ray = parts_ray(frame.tile_origin + id.xy);
     var head = 0u;
     if geometry.triangles > 0u {
-        head = atomicLoad(&crossing_heads[id.y * frame.tile_size.x + id.x]);
+        head = atomicLoad(&crossing_heads[ray.head]);
     }
     var windings: array<i32, MOST_CLIP_MESHES>;
     // What ends the ray.

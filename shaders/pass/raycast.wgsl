@@ -107,8 +107,8 @@ fn cast_begin(
     caster.pixel = frame.tile_origin + caster.tile_pixel;
     caster.limit = cast_order(FEEDBACK_LIMIT);
     let skip = cast_order(FEEDBACK_SKIP);
-    caster.is_bounded = skip != 0u;
-    caster.skips = skip == SKIP_BLOCKS;
+    caster.is_bounded = skip == SKIP_BLOCKS || skip == SKIP_OUTSIDE;
+    caster.skips = skip == SKIP_BLOCKS || skip == SKIP_WITHOUT_MESH;
     caster.is_idle = cast_is_outside(caster.tile_pixel);
     caster.at = cast_number(caster.tile_pixel);
     caster.empty_mm = LEAP_NOTHING;

@@ -5,7 +5,6 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
 use serde_json::{Value, json};
 use thiserror::Error;
 
@@ -107,15 +106,17 @@ impl Camera {
                 .ok_or_else(|| malformed(name, "a finite number", found(&fields, name)))
         };
         let projection = match fields.get("projection").map(Value::as_str) {
-            None | Some(Some("perspective")) => Projection::Perspective,
-            Some(Some("orthographic")) => Projection::Orthographic,
-            Some(_) => {
-                return Err(malformed(
-                    "projection",
-                    "\"perspective\" or \"orthographic\"",
-                    found(&fields, "projection"),
-                ));
-            }
+            None => Projection::Perspective,
+            Some(name) => Projection::ALL
+                .into_iter()
+                .find(|p| Some(p.name()) == name)
+                .ok_or_else(|| {
+                    malformed(
+                        "projection",
+                        "\"perspective\", \"orthographic\", \"fisheye\" or \"equirectangular\"",
+                        found(&fields, "projection"),
+                    )
+                })?,
         };
         let camera = Self {
             eye: vector("eye")?,
@@ -145,10 +146,7 @@ impl Camera {
             "target": self.target.to_array(),
             "up": self.up.to_array(),
             "fov": self.fov_y_degrees,
-            "projection": match self.projection {
-                Projection::Perspective => "perspective",
-                Projection::Orthographic => "orthographic",
-            },
+            "projection": self.projection.name(),
             "near": self.near_mm,
         });
         format!("{value:#}\n")

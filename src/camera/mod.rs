@@ -20,4 +20,4 @@ pub use path::{
     PathFileError,
 };
 pub use pose::{Basis, Camera, CameraError, DEFAULT_FOV_Y_DEGREES, Projection};
-pub use view::{Ray, View};
+pub use view::{Ray, View, fan};

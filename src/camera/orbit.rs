@@ -62,7 +62,7 @@ impl Camera {
         if !(zoom.is_finite() && zoom > 0.0) {
             return Err(CameraError::Zoom(zoom));
         }
-        let fov = check_fov(fov_y_degrees)?;
+        let fov = check_fov(fov_y_degrees, Projection::Perspective.most_fov_degrees())?;
         let (sin_az, cos_az) = azimuth_degrees.to_radians().sin_cos();
         let (sin_el, cos_el) = elevation_degrees.to_radians().sin_cos();
         let (direction, up) = if cos_el.abs() < POLE_COSINE {

@@ -127,7 +127,11 @@ impl View {
             Projection::Fisheye => {
                 let off_axis = along[1].hypot(along[2]);
                 let angle = off_axis.atan2(along[0]);
-                let scale = if off_axis > 0.0 { angle / off_axis } else { 0.0 };
+                let scale = if off_axis > 0.0 {
+                    angle / off_axis
+                } else {
+                    0.0
+                };
                 return angles([along[1] * scale, along[2] * scale]);
             }
             Projection::Equirectangular => {
@@ -151,7 +155,11 @@ pub fn fan(projection: Projection, [x, y]: [f64; 2]) -> [f64; 3] {
         return [cos_y * cos_x, cos_y * sin_x, sin_y];
     }
     let angle = x.hypot(y);
-    let scale = if angle > 0.0 { angle.sin() / angle } else { 1.0 };
+    let scale = if angle > 0.0 {
+        angle.sin() / angle
+    } else {
+        1.0
+    };
     [angle.cos(), x * scale, y * scale]
 }
 

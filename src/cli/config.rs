@@ -65,6 +65,10 @@ pub(super) enum Switch {
 enum ProjectionArg {
     Perspective,
     Orthographic,
+    /// Angles from the middle as distances; --fov is the height's and may exceed 180
+    Fisheye,
+    /// All directions: columns are longitudes, rows latitudes
+    Equirectangular,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -544,6 +548,8 @@ impl PictureArgs {
             camera.projection = match projection {
                 ProjectionArg::Perspective => Projection::Perspective,
                 ProjectionArg::Orthographic => Projection::Orthographic,
+                ProjectionArg::Fisheye => Projection::Fisheye,
+                ProjectionArg::Equirectangular => Projection::Equirectangular,
             };
         }
         if let Some(near) = self.near {

@@ -58,6 +58,10 @@ impl Intervals {
 
     /// The bounds of what may be seen in `bricks` of `level`.
     pub(super) fn new(frame: &RayFrame, level: &LevelFrame, bricks: &[ActiveBrick]) -> Self {
+        if frame.projection.is_panoramic() {
+            // Boxes all around have no place in the picture's cells.
+            return Self::everywhere(frame);
+        }
         let projector = Projector::new(frame, level);
         let mut sum = Self::nowhere(frame);
         let parts =
@@ -182,6 +186,9 @@ impl<'a> Projector<'a> {
                 ([distance - radius, distance + radius], [nearest, farthest])
             }
             Projection::Orthographic => ([nearest, farthest], [1.0, 1.0]),
+            Projection::Fisheye | Projection::Equirectangular => {
+                unreachable!("invariant: panoramas have no bounds")
+            }
         };
         let index = |t: f64| (t - self.frame.first_mm_exact) / self.level.step_mm_exact;
         // `as` saturates. One sample more on each side: a segment has two ends. Jitter moves samples away by up to one.

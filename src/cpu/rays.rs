@@ -46,6 +46,8 @@ pub(super) struct Packet<L: Lanes> {
     /// Image-plane coordinates of the rays.
     u: L::F,
     v: L::F,
+    /// Weights of the direction's three vectors.
+    fan: Vec3<L>,
     /// Distances of their samples 0, mm.
     pub(super) first_mm: L::F,
     /// Those inside the picture.
@@ -88,16 +90,21 @@ impl<L: Lanes> Packet<L> {
         place: [f32; 2],
         (inside, cells): (u32, usize),
     ) -> Self {
-        let mut at = [[0.0; MAX_LANES]; 3];
+        let mut at = [[0.0; MAX_LANES]; 6];
         for (lane, &[x, y]) in pixels.iter().take(L::WIDTH).enumerate() {
             let [u, v] = frame.plane_at(x, y, place);
             at[0][lane] = u;
             at[1][lane] = v;
             at[2][lane] = frame.first_mm_of_pixel(x, y);
+            let fan = frame.fan([u, v]);
+            for (of, weight) in at[3..].iter_mut().zip(fan) {
+                of[lane] = weight;
+            }
         }
         Self {
             u: l.load_f(&at[0]),
             v: l.load_f(&at[1]),
+            fan: axes!(n => l.load_f(&at[3 + n])),
             first_mm: l.load_f(&at[2]),
             inside: l.mask(inside),
             cells_of: pixels,
@@ -115,6 +122,13 @@ impl<L: Lanes> Packet<L> {
     pub(super) fn planes(&self, l: L) -> Vec<[f32; 2]> {
         let (u, v) = (l.store_f(self.u), l.store_f(self.v));
         (0..L::WIDTH).map(|lane| [u[lane], v[lane]]).collect()
+    }
+
+    /// A direction.
+    #[inline(always)]
+    fn towards(&self, l: L, q: &[glam::Vec3; 3]) -> Vec3<L> {
+        let fan = &self.fan;
+        axes!(n => l.f(q[0][n]) * fan[0] + l.f(q[1][n]) * fan[1] + l.f(q[2][n]) * fan[2])
     }
 
     /// A quantity that is linear over the picture.
@@ -145,10 +159,10 @@ impl<L: Lanes> Rays<L> {
     #[inline(always)]
     pub(super) fn new(l: L, frame: &RayFrame, level: &LevelFrame, packet: &Packet<L>) -> Self {
         let one = l.f(1.0);
-        let world = packet.at(l, &frame.world_dir);
+        let world = packet.towards(l, &frame.world_dir);
         let length = l.sqrt(dot::<L>(world, world));
         let inverse = one / length;
-        let direction = packet.at(l, &level.level_dir);
+        let direction = packet.towards(l, &level.level_dir);
         let origin = packet.at(l, &level.level_origin);
         let to_first = inverse * packet.first_mm;
         let base = axes!(n => origin[n] + direction[n] * to_first);

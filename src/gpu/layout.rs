@@ -96,8 +96,7 @@ shared! {
         orders_at: u32,
         extreme_scale: f32,
         extreme_end: f32,
-        pad3: u32,
-        pad4: u32,
+        half_angles: [f32; 2],
         levels: [LevelUniforms; MAX_LEVELS as usize],
     }
 }
@@ -145,15 +144,15 @@ shared! {
     #[expect(missing_docs, reason = "documented in shaders/lib/types.wgsl, whose names these are")]
     GeometryUniforms as GEOMETRY_UNIFORMS {
         origin: [[f32; 4]; 3],
-        clip_from_mesh: [[f32; 4]; 4],
+        clip_from_mesh: [[[f32; 4]; 4]; 6],
         planes: u32,
         clip_meshes: u32,
         first_drawn: u32,
         most_crossings: u32,
         most_records: u32,
         triangles: u32,
+        cube_edge: u32,
         pad0: u32,
-        pad1: u32,
     }
 }
 
@@ -284,6 +283,14 @@ constants! {
     SKIP_BLOCKS = 1;
     /// What is skipped: all outside the mesh interval.
     SKIP_OUTSIDE = 2;
+    /// What is skipped: bricks and blocks; there is no mesh.
+    SKIP_WITHOUT_MESH = 3;
+    /// Rays are those of one raster.
+    PANORAMA_NONE = 0;
+    /// An angle from the picture's middle is a distance.
+    PANORAMA_FISHEYE = 1;
+    /// Columns are longitudes, rows latitudes.
+    PANORAMA_SPHERE = 2;
     /// Word of the host's orders: 1 where work-groups are parts of the list of pixels, 0 where they are of the tile.
     FEEDBACK_PIXELS = 3;
     /// Word of the host's orders: 1 where the caster's work-groups are of the list of pixels that a pass before has made.

@@ -168,13 +168,16 @@ pub(super) struct Ray {
 
 impl Ray {
     fn new(frame: &RayFrame, level: &LevelFrame, x: u32, y: u32) -> Self {
-        let [u, v] = frame.plane_of_pixel(x, y);
+        let plane = frame.plane_of_pixel(x, y);
+        let [u, v] = plane;
+        let [ahead, aside, above] = frame.fan(plane);
         let first_mm = frame.first_mm_of_pixel(x, y);
         let at = |q: &[Vec3; 3]| q[0] + q[1] * u + q[2] * v;
-        let world = at(&frame.world_dir);
+        let towards = |q: &[Vec3; 3]| q[0] * ahead + q[1] * aside + q[2] * above;
+        let world = towards(&frame.world_dir);
         let length = world.dot(world).sqrt();
         let inverse = 1.0 / length;
-        let direction = at(&level.level_dir);
+        let direction = towards(&level.level_dir);
         let base = at(&level.level_origin) + direction * (inverse * first_mm);
         let mut step = direction * (inverse * level.step_mm);
         // No axis may stand still: the slab test divides by it.

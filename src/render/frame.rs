@@ -369,6 +369,7 @@ pub(super) fn ray_uniforms(inputs: &FrameInputs<'_>) -> FrameUniforms {
         first_mm: rays.first_mm,
         step_mm: rays.step_mm,
         near_mm: rays.near_mm,
+        half_angles: rays.half_extent.map(|h| h as f32),
         opacity_cutoff: settings.opacity_cutoff,
         depth_scale: depth.scale as f32,
         depth_bias: depth.bias as f32,
@@ -445,8 +446,9 @@ impl DepthRange {
     fn new(rays: &RayFrame) -> Self {
         let near = f64::from(rays.near_mm);
         match rays.projection {
-            // Reversed f32 depth is equally precise at any near plane above 0; far below a voxel will do.
-            Projection::Perspective => Self {
+            // Reversed f32 depth is equally precise at any near plane above 0; far below a voxel will do. (Panoramas: of the
+            // faces of a cube.)
+            Projection::Perspective | Projection::Fisheye | Projection::Equirectangular => Self {
                 scale: near.max(rays.step_mm_exact * 1e-3),
                 bias: 0.0,
             },
@@ -472,26 +474,29 @@ fn clip_from_offset(rays: &RayFrame, tile: Tile) -> DMat4 {
     clip_from_world(rays, tile, BOUNDS_MARGIN) * DMat4::from(world_from_offset)
 }
 
+/// Clip space of the six faces of a cube around the eye, along the world's axes: +x, −x, +y, …
+pub(super) fn clip_from_world_of_cube(rays: &RayFrame) -> [DMat4; 6] {
+    let depth = DepthRange::new(rays);
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    std::array::from_fn(|face| {
+        let axis = face / 2;
+        let side = if face % 2 == 0 { 1.0 } else { -1.0 };
+        let right = axes[(axis + 1) % 3] * -side;
+        let up = axes[(axis + 2) % 3];
+        let world_from_view = DAffine3::from_mat3_translation(
+            glam::DMat3::from_cols(right, up, axes[axis] * -side),
+            rays.world_from_view.translation,
+        );
+        clip_from_view(Projection::Perspective, [1.0, 1.0], depth)
+            * DMat4::from(world_from_view.inverse())
+    })
+}
+
 /// Clip space, cropped to the tile and a margin of so many pixels around it.
 pub(super) fn clip_from_world(rays: &RayFrame, tile: Tile, margin: u32) -> DMat4 {
     let depth = DepthRange::new(rays);
     let view_from_world = DMat4::from(rays.world_from_view.inverse());
-    let [half_width, half_height] = rays.half_extent;
-    // View space looks along −z.
-    let clip_from_view = match rays.projection {
-        Projection::Perspective => DMat4::from_cols(
-            DVec4::new(1.0 / half_width, 0.0, 0.0, 0.0),
-            DVec4::new(0.0, 1.0 / half_height, 0.0, 0.0),
-            DVec4::new(0.0, 0.0, 0.0, -1.0),
-            DVec4::new(0.0, 0.0, depth.scale, 0.0),
-        ),
-        Projection::Orthographic => DMat4::from_cols(
-            DVec4::new(1.0 / half_width, 0.0, 0.0, 0.0),
-            DVec4::new(0.0, 1.0 / half_height, 0.0, 0.0),
-            DVec4::new(0.0, 0.0, 1.0 / depth.scale, 0.0),
-            DVec4::new(0.0, 0.0, depth.bias / depth.scale, 1.0),
-        ),
-    };
+    let clip_from_view = clip_from_view(rays.projection, rays.half_extent, depth);
     let [width, height] = rays.size.map(f64::from);
     let margin = f64::from(margin);
     let [x0, y0] = [0, 1].map(|axis| {
@@ -505,4 +510,29 @@ pub(super) fn clip_from_world(rays: &RayFrame, tile: Tile, margin: u32) -> DMat4
         0.0,
     )) * DMat4::from_scale(DVec3::new(width / w, height / h, 1.0));
     crop * clip_from_view * view_from_world
+}
+
+/// Clip space from the view, of the whole picture; reversed depth.
+fn clip_from_view(
+    projection: Projection,
+    [half_width, half_height]: [f64; 2],
+    depth: DepthRange,
+) -> DMat4 {
+    // View space looks along −z.
+    match projection {
+        Projection::Perspective | Projection::Fisheye | Projection::Equirectangular => {
+            DMat4::from_cols(
+                DVec4::new(1.0 / half_width, 0.0, 0.0, 0.0),
+                DVec4::new(0.0, 1.0 / half_height, 0.0, 0.0),
+                DVec4::new(0.0, 0.0, 0.0, -1.0),
+                DVec4::new(0.0, 0.0, depth.scale, 0.0),
+            )
+        }
+        Projection::Orthographic => DMat4::from_cols(
+            DVec4::new(1.0 / half_width, 0.0, 0.0, 0.0),
+            DVec4::new(0.0, 1.0 / half_height, 0.0, 0.0),
+            DVec4::new(0.0, 0.0, 1.0 / depth.scale, 0.0),
+            DVec4::new(0.0, 0.0, depth.bias / depth.scale, 1.0),
+        ),
+    }
 }

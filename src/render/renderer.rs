@@ -21,10 +21,13 @@ use crate::clip::Geometry;
 use crate::gpu::layout::{
     FEEDBACK_COMPACTED, FEEDBACK_GROUPS, FEEDBACK_LEVELS, FEEDBACK_LIMIT, FEEDBACK_PIXELS,
     FEEDBACK_QUIET, FEEDBACK_SKIP, MAX_GROUPS, PixelCounts, RayState, SKIP_BLOCKS, SKIP_OUTSIDE,
+    SKIP_WITHOUT_MESH,
 };
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers};
 use crate::proxy::Mesh;
-use crate::scene::{AntiAliasing, Classified, Image, LayerStats, RayCounts, Technique, add_ray};
+use crate::scene::{
+    AntiAliasing, Classified, Image, LayerStats, RayCounts, RayFrame, Technique, add_ray,
+};
 
 /// Passes whose times wait to be read.
 const TIMED_PASSES: u32 = 256;
@@ -113,11 +116,8 @@ impl Renderer {
     }
 
     /// Bytes that geometry needs in tiles of `tile` pixels: of itself, and at least of what rays are cut to.
-    pub fn geometry_bytes(geometry: &Geometry, tile: [u32; 2]) -> [u64; 2] {
-        [
-            PartsPass::geometry_bytes(geometry),
-            PartsPass::least_bytes(geometry, tile),
-        ]
+    pub fn geometry_bytes(geometry: &Geometry, rays: &RayFrame, tile: [u32; 2]) -> [u64; 2] {
+        PartsPass::bytes_for(geometry, rays, tile)
     }
 
     /// Bytes that what rays cross, and the parts that they are cut to, may take.
@@ -191,13 +191,8 @@ impl Renderer {
         }
         self.several.prepare(gpu, inputs, &self.frame, flow)?;
         let settings = inputs.settings;
-        self.parts.prepare(
-            gpu,
-            &self.frame,
-            &settings.geometry,
-            settings.camera.projection,
-            tile,
-        )?;
+        self.parts
+            .prepare(gpu, &self.frame, &settings.geometry, inputs.rays, tile)?;
         if self.targets.as_ref().is_none_or(|t| {
             t.size != tile || t.technique != technique || t.feedback != volume.feedback
         }) {
@@ -333,7 +328,8 @@ impl Renderer {
         }
         let mut encoder = encoder(gpu, "renderer.tile");
         targets.raycast.clear(&mut encoder);
-        if let Some(mesh) = self.mesh.as_ref().filter(|_| inputs.skip) {
+        let is_bounded = inputs.skip && !inputs.rays.projection.is_panoramic();
+        if let Some(mesh) = self.mesh.as_ref().filter(|_| is_bounded) {
             let mesh_level = inputs.rays.coarsest_used();
             let mirrored = mesh_level.world_from_level.matrix3.determinant() < 0.0;
             self.bounds.record(
@@ -581,6 +577,7 @@ fn write_orders(
         groups.len() <= MAX_GROUPS as usize,
         "invariant: a tile has at most {MAX_GROUPS} work-groups"
     );
+    let is_panoramic = inputs.rays.projection.is_panoramic();
     let mut orders = vec![0; FEEDBACK_GROUPS as usize];
     let mut order = |word: u32, value| orders[word as usize] = value;
     order(FEEDBACK_LIMIT, if cast.draft { u32::MAX } else { limit });
@@ -588,6 +585,8 @@ fn write_orders(
         FEEDBACK_SKIP,
         match (inputs.skip, flow) {
             (false, _) => 0,
+            (true, Flow::Layers) if is_panoramic => 0,
+            (true, _) if is_panoramic => SKIP_WITHOUT_MESH,
             (true, Flow::Layers) => SKIP_OUTSIDE,
             (true, _) => SKIP_BLOCKS,
         },

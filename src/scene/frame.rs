@@ -80,8 +80,8 @@ pub struct LevelFrame {
 }
 
 /// The sample grid of one frame. A pixel (px, py) has the image-plane coordinates
-/// `u = (px + ox)·2/width − 1` and `v = 1 − (py + oy)·2/height`, (ox, oy) being [`Self::place_in_pixel`]; a quantity of its
-/// ray is `q + u·q_u + v·q_v`.
+/// `u = (px + ox)·2/width − 1` and `v = 1 − (py + oy)·2/height`, (ox, oy) being [`Self::place_in_pixel`]. The origin of its
+/// ray is `q + u·q_u + v·q_v`, its direction by the weights of [`Self::fan`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RayFrame {
     /// Width and height in pixels.
@@ -105,9 +105,9 @@ pub struct RayFrame {
     pub last_index: u32,
     /// World from view (x right, y up, z towards the viewer), for the mesh raster.
     pub world_from_view: DAffine3,
-    /// Half width and half height of the image plane: tangents (perspective) or mm (orthographic).
+    /// Half width and half height of the image plane: tangents (perspective), mm (orthographic) or radians (panoramas).
     pub half_extent: [f64; 2],
-    /// Perspective or orthographic.
+    /// How rays run.
     pub projection: Projection,
     /// Distance of base samples, mm: ds.
     pub step_mm: f32,
@@ -123,6 +123,24 @@ pub fn interleaved_offset(x: u32, y: u32) -> f32 {
     let of_two = |x: u32, y: u32| 2 * ((x ^ y) & 1) + (y & 1);
     let sixteenths = 4 * of_two(x, y) + of_two(x >> 1, y >> 1);
     sixteenths as f32 / 16.0
+}
+
+/// Sine and cosine of an angle from −π to π: from the series of those of its half, up to the 11th and 12th power (off by
+/// 1e-7), so that shaders, which promise less of their own, compute the same.
+fn half_turn(angle: f32) -> [f32; 2] {
+    let h = angle * 0.5;
+    let q = h * h;
+    let sin = h
+        * (1.0
+            + q * (-1.0 / 6.0
+                + q * (1.0 / 120.0
+                    + q * (-1.0 / 5040.0 + q * (1.0 / 362_880.0 - q / 39_916_800.0)))));
+    let cos = 1.0
+        + q * (-0.5
+            + q * (1.0 / 24.0
+                + q * (-1.0 / 720.0
+                    + q * (1.0 / 40_320.0 + q * (-1.0 / 3_628_800.0 + q / 479_001_600.0)))));
+    [2.0 * sin * cos, 1.0 - 2.0 * sin * sin]
 }
 
 /// What a frame's grid is made of.
@@ -158,8 +176,8 @@ impl RayFrame {
         let bounds = volume_bounds(params.dims, &params.world_from_index);
         let to_center = bounds.center - camera.eye;
         let center_mm = match camera.projection {
-            Projection::Perspective => to_center.length(),
             Projection::Orthographic => to_center.dot(basis.forward),
+            _ => to_center.length(),
         };
         let first_index = ((center_mm - bounds.radius) / step_mm).floor().max(0.0);
         let first_mm = first_index * step_mm;
@@ -183,12 +201,16 @@ impl RayFrame {
                 [basis.forward, DVec3::ZERO, DVec3::ZERO],
                 [camera.eye, across, upward],
             ),
+            Projection::Fisheye | Projection::Equirectangular => (
+                [basis.forward, basis.right, basis.up],
+                [camera.eye, DVec3::ZERO, DVec3::ZERO],
+            ),
         };
 
         let pixel = half_extent[1] * 2.0 / f64::from(size[1]);
         let footprint_mm = |index: u32| match camera.projection {
-            Projection::Perspective => pixel * (first_mm + f64::from(index) * step_mm),
             Projection::Orthographic => pixel,
+            _ => pixel * (first_mm + f64::from(index) * step_mm),
         };
         let spans = params.spans(last_index, footprint_mm)?;
         let used_levels = spans.len();
@@ -250,6 +272,30 @@ impl RayFrame {
         [x - 1.0, 1.0 - y]
     }
 
+    /// Weights of the direction's three vectors for the ray through a point of the image plane: 1, u, v; in panoramas ahead,
+    /// to the right, up.
+    pub fn fan(&self, [u, v]: [f32; 2]) -> [f32; 3] {
+        let [half_width, half_height] = self.half_extent.map(|h| h as f32);
+        match self.projection {
+            Projection::Perspective | Projection::Orthographic => [1.0, u, v],
+            Projection::Equirectangular => {
+                let (longitude, latitude) = (half_turn(u * half_width), half_turn(v * half_height));
+                [
+                    latitude[1] * longitude[1],
+                    latitude[1] * longitude[0],
+                    latitude[0],
+                ]
+            }
+            Projection::Fisheye => {
+                let (x, y) = (u * half_width, v * half_height);
+                let angle = (x * x + y * y).sqrt();
+                let [sin, cos] = half_turn(angle);
+                let scale = if angle > 1e-6 { sin / angle } else { 1.0 };
+                [cos, x * scale, y * scale]
+            }
+        }
+    }
+
     /// Distance of sample 0 of the ray of pixel (x, y), mm.
     pub fn first_mm_of_pixel(&self, x: u32, y: u32) -> f32 {
         match self.jitter {
@@ -290,8 +336,8 @@ impl RayFrame {
             .fold(0.0, f64::max);
         let pixel_mm = self.half_extent[1] * 2.0 / f64::from(self.size[1])
             * match self.projection {
-                Projection::Perspective => self.first_mm_exact,
                 Projection::Orthographic => 1.0,
+                _ => self.first_mm_exact,
             };
         edge_mm / pixel_mm
     }
@@ -418,6 +464,17 @@ impl GridParams {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sines_are_those_of_the_library() {
+        for n in -1000..=1000 {
+            let angle = std::f32::consts::PI * (n as f32 / 1000.0);
+            let [sin, cos] = half_turn(angle);
+            let (s, c) = f64::from(angle).sin_cos();
+            let off = (f64::from(sin) - s).abs().max((f64::from(cos) - c).abs());
+            assert!(off < 4e-7, "{angle}: off by {off}");
+        }
+    }
 
     fn params(lod: LodRule) -> GridParams {
         GridParams {

@@ -6,7 +6,7 @@
 use glam::{DVec3, Vec3, Vec4};
 
 use super::{Mode, PictureSettings, RayFrame, Shading, phong};
-use crate::camera::Projection;
+use crate::camera::{Projection, fan};
 use crate::clip::Geometry;
 
 /// What a contribution to a ray belongs to.
@@ -159,6 +159,7 @@ pub fn ray_parts(
 /// Origin, unit direction and the distance of the near plane of a ray, mm.
 fn world_ray(frame: &RayFrame, plane: [f32; 2]) -> (DVec3, DVec3, f64) {
     let [u, v] = plane.map(f64::from);
+    let near_mm = f64::from(frame.near_mm);
     let view = frame.world_from_view.matrix3;
     let eye = frame.world_from_view.translation;
     let across =
@@ -168,9 +169,15 @@ fn world_ray(frame: &RayFrame, plane: [f32; 2]) -> (DVec3, DVec3, f64) {
         Projection::Perspective => {
             let direction = forward + across;
             let stretch = direction.length();
-            (eye, direction / stretch, f64::from(frame.near_mm) * stretch)
+            (eye, direction / stretch, near_mm * stretch)
         }
-        Projection::Orthographic => (eye + across, forward, f64::from(frame.near_mm)),
+        Projection::Orthographic => (eye + across, forward, near_mm),
+        Projection::Fisheye | Projection::Equirectangular => {
+            let [half_width, half_height] = frame.half_extent;
+            let [ahead, aside, above] = fan(frame.projection, [u * half_width, v * half_height]);
+            let direction = forward * ahead + view.x_axis * aside + view.y_axis * above;
+            (eye, direction, near_mm)
+        }
     }
 }
 

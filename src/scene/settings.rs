@@ -451,9 +451,10 @@ impl PictureSettings {
     }
 
     /// Do frames that are not final leap? Not in modes that project: what is less than the extreme contributes to their
-    /// pictures, too. Nor with geometry, which may lie in what is empty.
+    /// pictures, too. Nor with geometry, which may lie in what is empty, nor in panoramas.
     pub fn leaps(&self) -> bool {
-        self.leap && !self.mode.projects() && self.geometry.is_empty()
+        let is_one_raster = !self.camera.projection.is_panoramic();
+        self.leap && !self.mode.projects() && self.geometry.is_empty() && is_one_raster
     }
 
     /// Which levels are sampled.

@@ -114,10 +114,7 @@ impl CameraPath {
                 format!("    {key}")
             })
             .collect();
-        let projection = match self.projection() {
-            Projection::Perspective => "perspective",
-            Projection::Orthographic => "orthographic",
-        };
+        let projection = self.projection().name();
         format!(
             "{{\n  \"projection\": \"{projection}\",\n  \"near\": {},\n  \"keys\": [\n{}\n  ]\n}}\n",
             json!(self.near_mm()),
@@ -144,15 +141,19 @@ fn known(
 }
 
 fn projection(fields: &Map<String, Value>, at: &Place<'_>) -> Result<Projection, PathFileError> {
-    match fields.get("projection").map(Value::as_str) {
-        None | Some(Some("perspective")) => Ok(Projection::Perspective),
-        Some(Some("orthographic")) => Ok(Projection::Orthographic),
-        Some(_) => Err(at.malformed(
-            "projection",
-            "\"perspective\" or \"orthographic\"",
-            found(fields, "projection"),
-        )),
-    }
+    let Some(name) = fields.get("projection").map(Value::as_str) else {
+        return Ok(Projection::Perspective);
+    };
+    Projection::ALL
+        .into_iter()
+        .find(|p| Some(p.name()) == name)
+        .ok_or_else(|| {
+            at.malformed(
+                "projection",
+                "\"perspective\", \"orthographic\", \"fisheye\" or \"equirectangular\"",
+                found(fields, "projection"),
+            )
+        })
 }
 
 fn read_keys(keys: &[Value], at: &Place<'_>) -> Result<Vec<KeyFrame>, PathFileError> {

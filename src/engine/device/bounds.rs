@@ -100,8 +100,8 @@ impl<'a> Shell<'a> {
         let view = self.rays.world_from_view;
         let from_eye = world - view.translation;
         let distance = match self.rays.projection {
-            Projection::Perspective => from_eye.length(),
             Projection::Orthographic => -from_eye.dot(view.matrix3.z_axis),
+            _ => from_eye.length(),
         };
         distance + self.half_diagonal_mm >= self.reach_mm[0]
             && distance - self.half_diagonal_mm <= self.reach_mm[1]

@@ -15,7 +15,6 @@ use std::sync::Arc;
 
 use super::{EngineError, EngineOptions, Picture};
 use crate::classify::SegmentTables;
-use crate::clip::Geometry;
 use crate::geom::{BrickGrid, Lod};
 use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
@@ -288,7 +287,7 @@ impl GpuDevice {
         let others = self.other_bytes(tile, technique)
             + integrals.max().unwrap_or(0)
             + leap_bytes
-            + self.reserve_for_geometry(&ready.final_plan().settings.geometry, tile);
+            + self.reserve_for_geometry(ready.final_plan(), tile);
         let mut plan = self.atlas_plan(wanted, others, voxel_bytes)?;
         let keeps = self.volume.as_ref().is_some_and(|v| {
             let there = v.residency.plan();
@@ -337,11 +336,12 @@ impl GpuDevice {
     }
 
     /// Bytes of a picture's geometry, and what rays may be cut to.
-    fn reserve_for_geometry(&mut self, geometry: &Geometry, tile: [u32; 2]) -> u64 {
+    fn reserve_for_geometry(&mut self, plan: &PicturePlan, tile: [u32; 2]) -> u64 {
+        let geometry = &plan.settings.geometry;
         if geometry.is_empty() {
             return 0;
         }
-        let [itself, least] = Renderer::geometry_bytes(geometry, tile);
+        let [itself, least] = Renderer::geometry_bytes(geometry, &plan.rays, tile);
         let has_meshes = itself > 0;
         let most = if has_meshes {
             least.max(mesh_bytes(self.budget_bytes))

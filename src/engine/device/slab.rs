@@ -102,9 +102,9 @@ pub(super) fn slab_bricks(
         .map(|level| {
             let far_mm = rays.reach_mm(level)[1] + f64::from(rim.sides) * level.step_mm_exact;
             let across_mm = match rays.projection {
-                // Unit directions differ by no more than their tangents.
-                Projection::Perspective => across * far_mm,
                 Projection::Orthographic => across,
+                // Unit directions differ by no more than their tangents, or angles.
+                _ => across * far_mm,
             };
             let steps = planes + across_mm / level.step_mm_exact;
             let reach = step_reach(level) * steps + 2.0 * segment_slack(settings);

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 use super::pipeline::ComputeParts;
-use super::raycast::GROUP_CONSTANTS;
+use super::raycast::{GROUP_CONSTANTS, panorama};
 use super::{BoundsTargets, ReportPass};
 use crate::camera::Projection;
 use crate::gpu::layout::CELL_EDGE;
@@ -18,6 +18,7 @@ use crate::scene::Jitter;
 struct Variant {
     jittered: bool,
     orthographic: bool,
+    panorama: u32,
     many_levels: bool,
 }
 
@@ -26,6 +27,7 @@ impl Variant {
         Self {
             jittered: inputs.settings.jitter == Jitter::Interleaved,
             orthographic: inputs.settings.camera.projection == Projection::Orthographic,
+            panorama: panorama(inputs.settings.camera.projection),
             many_levels: inputs.rays.used_levels > 1,
         }
     }
@@ -94,6 +96,7 @@ impl LayersPass {
         constants.extend([
             flag("JITTERED", variant.jittered),
             flag("ORTHOGRAPHIC", variant.orthographic),
+            ("PANORAMA", f64::from(variant.panorama)),
             flag("MANY_LEVELS", variant.many_levels),
         ]);
         let pipeline = ComputeParts {

@@ -289,7 +289,7 @@ fn leap_uniforms(old: &RayFrame, new: &RayFrame) -> LeapUniforms {
     let across = [turned.x_axis * half_width, turned.y_axis * half_height];
     let forward = -turned.z_axis;
     let (origin, direction) = match new.projection {
-        Projection::Perspective => (
+        Projection::Perspective | Projection::Fisheye | Projection::Equirectangular => (
             [eye, DVec3::ZERO, DVec3::ZERO],
             [forward, across[0], across[1]],
         ),
@@ -326,7 +326,8 @@ fn line_pixels(old: &RayFrame, new: &RayFrame) -> f64 {
     let [half_width, half_height] = old.half_extent;
     let pixels_per_unit = f64::from(old.size[1]) / (2.0 * half_height);
     match new.projection {
-        Projection::Perspective => {
+        // Panoramas don't leap.
+        Projection::Perspective | Projection::Fisheye | Projection::Equirectangular => {
             let moved_mm =
                 (new.world_from_view.translation).distance(old.world_from_view.translation);
             if moved_mm == 0.0 {

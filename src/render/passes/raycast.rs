@@ -8,7 +8,7 @@ use super::pipeline::ComputeParts;
 use super::{BoundsTargets, LeapTargets};
 use crate::camera::Projection;
 use crate::clip::CutFaces;
-use crate::gpu::layout::{PixelCounts, RayState};
+use crate::gpu::layout::{PANORAMA_FISHEYE, PANORAMA_NONE, PANORAMA_SPHERE, PixelCounts, RayState};
 use crate::gpu::shader::{self, AtlasPart, ModePart};
 use crate::gpu::{GpuContext, GpuError};
 use crate::render::bindings;
@@ -54,6 +54,7 @@ struct Variant {
     cut: bool,
     faces: CutFaces,
     orthographic: bool,
+    panorama: u32,
     many_levels: bool,
     many_atlases: bool,
     draft: bool,
@@ -94,6 +95,7 @@ impl Variant {
             cut: !settings.geometry.is_empty(),
             faces: settings.geometry.faces,
             orthographic: settings.camera.projection == Projection::Orthographic,
+            panorama: panorama(settings.camera.projection),
         }
     }
 
@@ -110,6 +112,7 @@ impl Variant {
             flag("JITTERED", self.jittered),
             flag("FILTERED_GRADIENTS", self.filtered_gradients),
             flag("ORTHOGRAPHIC", self.orthographic),
+            ("PANORAMA", f64::from(self.panorama)),
             flag("MANY_LEVELS", self.many_levels),
             flag("MANY_ATLASES", self.many_atlases),
             flag("DRAFT", self.draft),
@@ -146,6 +149,15 @@ impl Variant {
             ]);
         }
         constants
+    }
+}
+
+/// `PANORAMA_*` of a projection.
+pub(super) fn panorama(projection: Projection) -> u32 {
+    match projection {
+        Projection::Perspective | Projection::Orthographic => PANORAMA_NONE,
+        Projection::Fisheye => PANORAMA_FISHEYE,
+        Projection::Equirectangular => PANORAMA_SPHERE,
     }
 }
 

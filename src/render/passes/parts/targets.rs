@@ -1,0 +1,215 @@
+//! What a tile's rays cross of the meshes, and the parts that they are cut to, on the device.
+
+use crate::clip::Geometry;
+use crate::gpu::GpuContext;
+use crate::gpu::layout::{Crossing, PART_RECORDS_WIDE};
+use crate::scene::RayFrame;
+
+/// Bytes of a texel of a record.
+const TEXEL_BYTES: u64 = 16;
+/// What there is room for at first, per list; what a picture takes more is made room for.
+const CROSSINGS_AT_FIRST: u64 = 4;
+/// Most pixels along an edge of the cube.
+const MOST_CUBE_EDGE: u32 = 2048;
+
+/// How large they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct PartsShape {
+    /// Pixels of a tile.
+    pub(super) tile: [u32; 2],
+    /// Panoramas with meshes: pixels along an edge of the cube around the eye; else 0.
+    pub(super) cube_edge: u32,
+    /// Of a record (`shaders/lib/part.wgsl`).
+    texels: u64,
+    /// For how many crossings there is room.
+    pub(super) crossings: u64,
+    /// For how many records there is room.
+    pub(super) records: u64,
+}
+
+impl PartsShape {
+    /// That of a picture, before anything is counted.
+    pub(super) fn first(geometry: &Geometry, rays: &RayFrame, tile: [u32; 2]) -> Self {
+        let has_meshes = !(geometry.clip_meshes.is_empty() && geometry.surfaces.is_empty());
+        let cube_edge = if has_meshes && rays.projection.is_panoramic() {
+            // As fine as the picture in its middle, where a face has two units of its width for each radian.
+            let pixels_per_radian = f64::from(rays.size[1]) / (2.0 * rays.half_extent[1]);
+            ((2.0 * pixels_per_radian).ceil() as u32)
+                .next_multiple_of(64)
+                .clamp(64, MOST_CUBE_EDGE)
+        } else {
+            0
+        };
+        let mut shape = Self {
+            tile,
+            cube_edge,
+            texels: if geometry.faces.matter() { 2 } else { 1 },
+            crossings: 0,
+            records: 0,
+        };
+        if has_meshes {
+            shape.crossings = shape.lists() * CROSSINGS_AT_FIRST;
+        }
+        shape.with_room(shape.crossings, 0)
+    }
+
+    /// With room for so many crossings, and at least so many records.
+    pub(super) fn with_room(self, crossings: u64, records: u64) -> Self {
+        // A crossing makes two records at most (but where several rays look at one list).
+        let records = records.max(self.pixels() + 2 * crossings);
+        Self {
+            crossings,
+            records: records.next_multiple_of(u64::from(PART_RECORDS_WIDE)),
+            ..self
+        }
+    }
+
+    fn pixels(&self) -> u64 {
+        u64::from(self.tile[0]) * u64::from(self.tile[1])
+    }
+
+    /// Is it one of the same picture?
+    pub(super) fn is_like(&self, other: &Self) -> bool {
+        let of = |s: &Self| (s.tile, s.cube_edge, s.texels, s.crossings > 0);
+        of(self) == of(other)
+    }
+
+    /// Lists of crossings: one per pixel.
+    pub(super) fn lists(&self) -> u64 {
+        match u64::from(self.cube_edge) {
+            0 => self.pixels(),
+            edge => 6 * edge * edge,
+        }
+    }
+
+    /// Width and height of the raster.
+    pub(super) fn raster_size(&self) -> [u32; 2] {
+        match self.cube_edge {
+            0 => self.tile,
+            edge => [edge, edge],
+        }
+    }
+
+    /// Draws of the meshes: the tile, or the faces of the cube.
+    pub(super) fn draws(&self) -> u32 {
+        if self.cube_edge == 0 { 1 } else { 6 }
+    }
+
+    /// Rows of records that a texture would have.
+    pub(super) fn rows(&self) -> u64 {
+        self.records * self.texels / u64::from(PART_RECORDS_WIDE)
+    }
+
+    /// On the device.
+    pub(super) fn bytes(&self) -> u64 {
+        let [width, height] = self.raster_size().map(u64::from);
+        width * height
+            + self.lists() * 4
+            + self.pixels() * 8
+            + self.crossings * size_of::<Crossing>() as u64
+            + self.records * self.texels * TEXEL_BYTES
+    }
+}
+
+/// What a tile's rays cross, and the parts that they are cut to.
+#[derive(Debug)]
+pub(super) struct PartsTargets {
+    pub(super) shape: PartsShape,
+    /// A raster needs a target; nothing is written.
+    pub(super) color: wgpu::TextureView,
+    pub(super) heads: wgpu::Buffer,
+    pub(super) crossings: wgpu::Buffer,
+    pub(super) totals: wgpu::Buffer,
+    pub(super) lists: wgpu::TextureView,
+    pub(super) records: wgpu::TextureView,
+    /// Group 3 of the caster.
+    pub(super) group: wgpu::BindGroup,
+}
+
+impl PartsTargets {
+    pub(super) fn new(gpu: &GpuContext, layout: &wgpu::BindGroupLayout, shape: PartsShape) -> Self {
+        let texture = |label, [width, height]: [u32; 2], format, usage| {
+            gpu.device
+                .create_texture(&wgpu::TextureDescriptor {
+                    label: Some(label),
+                    size: wgpu::Extent3d {
+                        width,
+                        height,
+                        depth_or_array_layers: 1,
+                    },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format,
+                    usage,
+                    view_formats: &[],
+                })
+                .create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        let buffer = |label, size| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage: wgpu::BufferUsages::STORAGE
+                    | wgpu::BufferUsages::COPY_DST
+                    | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            })
+        };
+        let written = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
+        let lists = texture(
+            "parts.lists",
+            shape.tile,
+            wgpu::TextureFormat::Rg32Uint,
+            written,
+        );
+        let rows = shape.rows() as u32;
+        let records_view = texture(
+            "parts.records",
+            [PART_RECORDS_WIDE, rows],
+            wgpu::TextureFormat::Rgba32Uint,
+            written,
+        );
+        Self {
+            color: texture(
+                "parts.nothing",
+                shape.raster_size(),
+                wgpu::TextureFormat::R8Unorm,
+                wgpu::TextureUsages::RENDER_ATTACHMENT,
+            ),
+            heads: buffer("parts.heads", shape.lists() * 4),
+            crossings: buffer(
+                "parts.crossings",
+                shape.crossings.max(1) * size_of::<Crossing>() as u64,
+            ),
+            totals: buffer("parts.totals", 8),
+            group: cast_group(gpu, layout, &lists, &records_view),
+            lists,
+            records: records_view,
+            shape,
+        }
+    }
+}
+
+/// Lists and records as a group of two.
+pub(super) fn cast_group(
+    gpu: &GpuContext,
+    layout: &wgpu::BindGroupLayout,
+    lists: &wgpu::TextureView,
+    records: &wgpu::TextureView,
+) -> wgpu::BindGroup {
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("parts.group"),
+        layout,
+        entries: &[
+            wgpu::BindGroupEntry {
+                binding: 0,
+                resource: wgpu::BindingResource::TextureView(lists),
+            },
+            wgpu::BindGroupEntry {
+                binding: 1,
+                resource: wgpu::BindingResource::TextureView(records),
+            },
+        ],
+    })
+}
