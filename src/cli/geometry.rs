@@ -115,8 +115,8 @@ fn mesh(s: &str) -> Result<MeshArg, String> {
     Ok(parsed)
 }
 
-fn read(path: &Path, flag: &str) -> anyhow::Result<TriangleMesh> {
-    TriangleMesh::read(path).with_context(|| format!("{flag} {}", path.display()))
+fn read(path: &Path, flag: &'static str) -> anyhow::Result<TriangleMesh> {
+    TriangleMesh::read(path).context(flag)
 }
 
 impl GeometryArgs {
@@ -144,9 +144,10 @@ impl GeometryArgs {
             .planes
             .extend(self.clip_box.iter().flat_map(OrientedBox::planes));
         for arg in &self.clip_mesh {
-            let mesh = read(&arg.path, "--clip-mesh")?.oriented();
-            mesh.check_closed()
-                .with_context(|| format!("--clip-mesh {}", arg.path.display()))?;
+            let mesh = read(&arg.path, "--clip-mesh")?
+                .into_closed()
+                .map_err(|e| e.of_file(&arg.path))
+                .context("--clip-mesh")?;
             geometry.clip_meshes.push(ClipMesh {
                 mesh: Arc::new(mesh),
                 side: arg.side,

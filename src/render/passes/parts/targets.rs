@@ -32,9 +32,9 @@ impl PartsShape {
     pub(super) fn first(geometry: &Geometry, rays: &RayFrame, tile: [u32; 2]) -> Self {
         let has_meshes = !(geometry.clip_meshes.is_empty() && geometry.surfaces.is_empty());
         let cube_edge = if has_meshes && rays.projection.is_panoramic() {
-            // As fine as the picture in its middle, where a face has two units of its width for each radian.
+            // Twice as fine as the picture in its middle, where a face has two units of its width for each radian.
             let pixels_per_radian = f64::from(rays.size[1]) / (2.0 * rays.half_extent[1]);
-            ((2.0 * pixels_per_radian).ceil() as u32)
+            ((4.0 * pixels_per_radian).ceil() as u32)
                 .next_multiple_of(64)
                 .clamp(64, MOST_CUBE_EDGE)
         } else {
