@@ -155,6 +155,8 @@ impl Camera {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
 
     fn parse(text: &str) -> Result<Camera, CameraFileError> {

@@ -240,6 +240,7 @@ fn layers_come_in_order_and_an_opaque_one_is_the_last() {
 #[test]
 fn surfaces_are_seen_where_the_volume_is_cut_away() {
     let geometry = Geometry {
+        faces: CutFaces::default(),
         planes: vec![plane(DVec3::X, 0.0), plane(DVec3::NEG_X, 5.0)],
         clip_meshes: vec![clip(cube(DVec3::X * 2.0, 1.0), Side::Outside)],
         surfaces: [-2.0, 0.5, 2.0, 4.0, 7.0]
