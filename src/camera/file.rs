@@ -6,9 +6,10 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use thiserror::Error;
 
+use super::fields::{found, short, vec3};
 use super::pose::{Camera, CameraError, Projection};
 
 /// A camera file is a few hundred bytes; more than this is some other file.
@@ -151,26 +152,6 @@ impl Camera {
             "near": self.near_mm,
         });
         format!("{value:#}\n")
-    }
-}
-
-fn vec3(fields: &Map<String, Value>, name: &str) -> Option<DVec3> {
-    let [x, y, z] = fields.get(name)?.as_array()?.as_slice() else {
-        return None;
-    };
-    Some(DVec3::new(x.as_f64()?, y.as_f64()?, z.as_f64()?))
-}
-
-fn found(fields: &Map<String, Value>, name: &str) -> String {
-    fields.get(name).map_or_else(|| "nothing".to_owned(), short)
-}
-
-/// The start of a JSON value, for messages.
-fn short(value: &Value) -> String {
-    let text = value.to_string();
-    match text.char_indices().nth(60) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text,
     }
 }
 
