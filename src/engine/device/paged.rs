@@ -302,7 +302,8 @@ impl PagedVolume {
     pub(super) fn begin_frame(&mut self, frame: &FrameRequests<'_>) {
         self.pager.begin_frame(frame);
         if let Some(waits) = &mut self.waits {
-            let asked = frame.requests.iter().map(|r| r.brick);
+            let needed = |r: &&Request| r.priority.class < RequestClass::Predicted;
+            let asked = frame.requests.iter().filter(needed).map(|r| r.brick);
             let all = asked.chain(frame.held.iter().copied());
             waits.wanted(all.filter(|&brick| self.pager.slot(brick).is_none()));
         }
