@@ -36,7 +36,9 @@ impl Yuv420 {
             cb: Vec::with_capacity(width * height / 4),
             cr: Vec::with_capacity(width * height / 4),
         };
-        planes.y.extend(pixels.iter().map(|&p| byte(16.0 + 219.0 * luma(p))));
+        planes
+            .y
+            .extend(pixels.iter().map(|&p| byte(16.0 + 219.0 * luma(p))));
         // Means of two rows; the picture's edges are repeated.
         let mut rows = vec![[0.0_f32; 2]; width];
         for pair in pixels.chunks_exact(2 * width) {

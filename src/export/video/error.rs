@@ -39,6 +39,12 @@ pub enum VideoError {
     )]
     UnknownFilm { folder: PathBuf },
     #[error(
+        "{}: holds frames of an earlier flight, and one in real time can't be gone on with; choose another folder, or give \
+         --force to remove them",
+        .0.display()
+    )]
+    HasFrames(PathBuf),
+    #[error(
         "{}: H.264 in 4:2:0 needs an even width and height, and this is {}x{}; give --size {}x{}, or a folder for PNG frames",
         path.display(), size[0], size[1], size[0].next_multiple_of(2), size[1].next_multiple_of(2)
     )]

@@ -126,7 +126,10 @@ impl FrameSink for FfmpegPipe {
         let Some(input) = &mut self.input else {
             return self.end("it ended before");
         };
-        let written = planes.planes().into_iter().try_for_each(|p| input.write_all(p));
+        let written = planes
+            .planes()
+            .into_iter()
+            .try_for_each(|p| input.write_all(p));
         match written {
             Ok(()) => Ok(()),
             Err(error) => self.end(&error.to_string()),

@@ -19,6 +19,17 @@ pub(super) const JOB_FILE: &str = "fly.json";
 /// A job is a few kilobytes and its path's keys; more than this is some other file.
 const MAX_JOB_BYTES: u64 = 64 << 20;
 
+/// What becomes of frames that are in the folder already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EarlierFrames {
+    /// They stay, if they are of the same job; else the run is refused.
+    Keep,
+    /// The run is refused.
+    Refuse,
+    /// They are removed.
+    Remove,
+}
+
 /// A folder of frames.
 #[derive(Debug)]
 pub struct PngFolder {
@@ -28,15 +39,15 @@ pub struct PngFolder {
 
 impl PngFolder {
     /// The frames in `folder`, which is made if it is not there (but not the one around it). `job` says of what they are; it
-    /// is written beside them. With `force` frames that are there are removed.
+    /// is written beside them.
     ///
     /// # Errors
-    /// The folder can't be made, read or written; or it holds frames of another job.
+    /// The folder can't be made, read or written; or it holds frames that are not to stay.
     pub fn open(
         folder: &Path,
         format: FrameFormat,
         job: &Value,
-        force: bool,
+        earlier: EarlierFrames,
     ) -> Result<Self, VideoError> {
         if folder.exists() && !folder.is_dir() {
             return Err(VideoError::IsFile(folder.to_owned()));
@@ -45,23 +56,17 @@ impl PngFolder {
             fs::create_dir(folder).map_err(failed(folder, "make the folder"))?;
         }
         let frames = frames_in(folder)?;
-        if force {
-            for frame in &frames {
-                fs::remove_file(frame).map_err(failed(frame, "remove"))?;
+        match earlier {
+            EarlierFrames::Remove => {
+                for frame in &frames {
+                    fs::remove_file(frame).map_err(failed(frame, "remove"))?;
+                }
             }
-        } else if !frames.is_empty() {
-            let Some(before) = read_job(&folder.join(JOB_FILE))? else {
-                return Err(VideoError::UnknownFilm {
-                    folder: folder.to_owned(),
-                });
-            };
-            let differences = differences(&before, job);
-            if !differences.is_empty() {
-                return Err(VideoError::OtherFilm {
-                    folder: folder.to_owned(),
-                    differences,
-                });
+            EarlierFrames::Refuse if !frames.is_empty() => {
+                return Err(VideoError::HasFrames(folder.to_owned()));
             }
+            EarlierFrames::Keep if !frames.is_empty() => check_job(folder, job)?,
+            EarlierFrames::Keep | EarlierFrames::Refuse => (),
         }
         write_whole(
             &folder.join(JOB_FILE),
@@ -121,6 +126,23 @@ fn frames_in(folder: &Path) -> Result<Vec<PathBuf>, VideoError> {
     Ok(frames)
 }
 
+/// Refuses a folder whose frames are not of `job`.
+fn check_job(folder: &Path, job: &Value) -> Result<(), VideoError> {
+    let Some(before) = read_job(&folder.join(JOB_FILE))? else {
+        return Err(VideoError::UnknownFilm {
+            folder: folder.to_owned(),
+        });
+    };
+    let differences = differences(&before, job);
+    if differences.is_empty() {
+        return Ok(());
+    }
+    Err(VideoError::OtherFilm {
+        folder: folder.to_owned(),
+        differences,
+    })
+}
+
 /// The job in `path`; `None` where there is none that can be read as one.
 fn read_job(path: &Path) -> Result<Option<Value>, VideoError> {
     let file = match File::open(path) {
@@ -170,8 +192,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("film");
         let job = json!({"size": [4, 3], "store": {"hash": "1"}});
-        let open = |job: &Value, force| PngFolder::open(&folder, FORMAT, job, force);
-        let mut film = open(&job, false).unwrap();
+        let open = |job: &Value, earlier| PngFolder::open(&folder, FORMAT, job, earlier);
+        let mut film = open(&job, EarlierFrames::Keep).unwrap();
         for number in 0..3 {
             film.push(number, &[number as u8; 48]).unwrap();
         }
@@ -179,7 +201,7 @@ mod tests {
         // One is cut off, one is gone.
         fs::write(folder.join("frame-00001.png"), &whole[..whole.len() - 1]).unwrap();
         fs::remove_file(folder.join("frame-00002.png")).unwrap();
-        let film = open(&job, false).unwrap();
+        let film = open(&job, EarlierFrames::Keep).unwrap();
         assert_eq!([0, 1, 2].map(|n| film.has(n)), [true, false, false]);
         let wider = PngFolder {
             format: FrameFormat {
@@ -191,12 +213,25 @@ mod tests {
         assert!(!wider.has(0), "a frame of another size");
 
         let other = json!({"size": [4, 3], "store": {"hash": "2"}});
-        let refused = open(&other, false).unwrap_err().to_string();
+        let refused = open(&other, EarlierFrames::Keep).unwrap_err().to_string();
         assert!(refused.contains("store.hash"), "{refused}");
+        assert!(
+            matches!(
+                open(&job, EarlierFrames::Refuse),
+                Err(VideoError::HasFrames(_))
+            ),
+            "no frames may be there"
+        );
         fs::write(folder.join(JOB_FILE), "[").unwrap();
-        assert!(matches!(open(&job, false), Err(VideoError::UnknownFilm { .. })), "a job is needed");
+        assert!(
+            matches!(
+                open(&job, EarlierFrames::Keep),
+                Err(VideoError::UnknownFilm { .. })
+            ),
+            "a job is needed"
+        );
         fs::write(folder.join("frame-1.png"), "mine").unwrap();
-        let film = open(&other, true).unwrap();
+        let film = open(&other, EarlierFrames::Remove).unwrap();
         assert!(!film.has(0), "all frames anew");
         assert!(folder.join("frame-1.png").exists(), "not a name of ours");
     }

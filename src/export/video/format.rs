@@ -16,24 +16,23 @@ pub struct FrameFormat {
 }
 
 impl FrameFormat {
-/// Refuses a frame that is not of this size.
+    /// Refuses a frame that is not of this size.
     pub(super) fn check_length(
         self,
-    path: &Path,
-    number: u64,
-    rgba: &[u8],
-) -> Result<(), VideoError> {
-    let [width, height] = self.size.map(u64::from);
-    let (expected, found) = (width * height * 4, rgba.len() as u64);
-    if found == expected {
-        return Ok(());
+        path: &Path,
+        number: u64,
+        rgba: &[u8],
+    ) -> Result<(), VideoError> {
+        let [width, height] = self.size.map(u64::from);
+        let (expected, found) = (width * height * 4, rgba.len() as u64);
+        if found == expected {
+            return Ok(());
+        }
+        Err(VideoError::Length {
+            path: path.to_owned(),
+            number,
+            expected,
+            found,
+        })
     }
-    Err(VideoError::Length {
-        path: path.to_owned(),
-        number,
-        expected,
-        found,
-    })
-}
-
 }

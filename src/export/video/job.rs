@@ -29,7 +29,11 @@ fn compare(place: &str, there: Option<&Value>, here: Option<&Value>, found: &mut
             }
         }
         _ if there == here => (),
-        _ => found.push(format!("{place} is {} there, now {}", short(there), short(here))),
+        _ => found.push(format!(
+            "{place} is {} there, now {}",
+            short(there),
+            short(here)
+        )),
     }
 }
 

@@ -113,7 +113,10 @@ mod tests {
             queue.push(number, vec![number as u8]).unwrap();
         }
         queue.finish().unwrap();
-        assert_eq!(*told.lock().unwrap(), ["0: [0]", "1: [1]", "2: [2]", "finished"]);
+        assert_eq!(
+            *told.lock().unwrap(),
+            ["0: [0]", "1: [1]", "2: [2]", "finished"]
+        );
     }
 
     #[test]
@@ -129,7 +132,10 @@ mod tests {
         let (mut queue, told) = queue();
         queue.push(0, Vec::new()).unwrap();
         let error = (1..1000).find_map(|n| queue.push(n, vec![1]).err());
-        assert!(matches!(error, Some(VideoError::Transparent(_))), "{error:?}");
+        assert!(
+            matches!(error, Some(VideoError::Transparent(_))),
+            "{error:?}"
+        );
         assert!(queue.finish().is_err(), "and stays one");
         assert!(told.lock().unwrap().is_empty(), "nothing was finished");
     }

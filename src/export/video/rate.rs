@@ -80,7 +80,11 @@ impl FromStr for FrameRate {
 }
 
 fn greatest_common_divisor(a: u32, b: u32) -> u32 {
-    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
+    if b == 0 {
+        a
+    } else {
+        greatest_common_divisor(b, a % b)
+    }
 }
 
 /// For tests.
@@ -106,7 +110,21 @@ mod tests {
         ] {
             assert_eq!(rate(typed).map(|r| r.to_string()), Ok(told.into()));
         }
-        for bad in ["0", "-5", "1001", "1/0", "0/1", "1e3", "/5", "", ".", "5.", "nan", "1.23456", "99999999999"] {
+        for bad in [
+            "0",
+            "-5",
+            "1001",
+            "1/0",
+            "0/1",
+            "1e3",
+            "/5",
+            "",
+            ".",
+            "5.",
+            "nan",
+            "1.23456",
+            "99999999999",
+        ] {
             assert!(rate(bad).is_err(), "{bad:?} is no rate");
         }
         let film = rate("30000/1001").unwrap();
