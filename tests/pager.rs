@@ -243,7 +243,9 @@ fn run(
             }
             let mut completions = Vec::new();
             if frame.cancels {
-                let mut unwanted: Vec<BrickId> = model.pager.unwanted_orders().collect();
+                let unwanted = model.pager.unwanted_orders();
+                let mut unwanted: Vec<BrickId> =
+                    unwanted.chain(model.pager.yielding_orders()).collect();
                 unwanted.sort_unstable();
                 completions.extend(unwanted.into_iter().map(Completion::Cancelled));
             }
@@ -365,6 +367,7 @@ fn the_model_catches_broken_pagers() {
         Fault::SharesSlots,
         Fault::UploadsAtOnce,
         Fault::Retries,
+        Fault::NeedsPredicted,
     ] {
         let config = ProptestConfig {
             max_shrink_iters: 0,
@@ -667,6 +670,69 @@ fn predicted_bricks_push_out_nothing_that_was_just_used() {
         pager.state(brick(7)),
         BrickState::InRam,
         "the other is decoded ahead"
+    );
+}
+
+#[test]
+fn predicted_bricks_give_way_to_what_is_needed() {
+    let mut pager = Pager::new(SlotPool::new(4), ample());
+    let predicted = |i: u32| Request {
+        // Sooner, the lower the number.
+        priority: Priority::new(RequestClass::Predicted, 0, Lod(0), i),
+        brick: brick(i),
+    };
+    let all: Vec<Request> = [0, 3, 6, 9].map(predicted).into();
+    pager.begin_frame(&frame(&all, &[]));
+    settle(&mut pager, Completion::Decoded);
+    assert_eq!(resident(&pager), [0, 3, 6, 9].into(), "free slots are used");
+    // The last pass used one of them, needs two more, and the same are predicted as before.
+    let needed = missing([12, 15]);
+    let requests = [&needed[..], &all[..], &[predicted(18)]].concat();
+    pager.begin_frame(&FrameRequests {
+        keep_touched: true,
+        ..frame(&requests, &ids([9]))
+    });
+    settle(&mut pager, Completion::Decoded);
+    assert_eq!(
+        resident(&pager),
+        [0, 9, 12, 15].into(),
+        "those predicted for later went, and for what is needed alone"
+    );
+}
+
+#[test]
+fn orders_of_predicted_bricks_are_taken_back_for_what_is_needed() {
+    let mut pager = Pager::new(SlotPool::new(8), budget(8, 2));
+    let predicted = |i: u32| request(i, RequestClass::Predicted, 0);
+    let foreseen = [predicted(0), predicted(1), predicted(2)];
+    pager.begin_frame(&frame(&foreseen, &[]));
+    let orders = pager.step(&[], StepLimits::NONE).load;
+    assert_eq!(orders.len(), 2, "as many as may be in flight");
+    assert_eq!(pager.yielding_orders().count(), 0, "nothing else is needed");
+    let requests = [&missing([9])[..], &foreseen].concat();
+    pager.begin_frame(&frame(&requests, &[]));
+    let mut yielding: Vec<BrickId> = pager.yielding_orders().collect();
+    yielding.sort_unstable();
+    let mut ordered = orders.clone();
+    ordered.sort_unstable();
+    assert_eq!(yielding, ordered, "both");
+    // A thread has begun with the first of them.
+    let plan = pager.step(&[Completion::Cancelled(orders[1])], StepLimits::NONE);
+    assert_eq!(plan.load, ids([9]), "what is needed comes next");
+    assert_eq!(
+        pager.yielding_orders().count(),
+        0,
+        "nothing that is needed waits for its order"
+    );
+    let done = [
+        Completion::Decoded(orders[0]),
+        Completion::Decoded(brick(9)),
+    ];
+    let plan = pager.step(&done, StepLimits::NONE);
+    assert!(
+        plan.load.contains(&orders[1]),
+        "the order taken back is given again: {:?}",
+        plan.load
     );
 }
 

@@ -8,13 +8,13 @@ use glam::DVec3;
 
 use super::args::{self, AaArg, ByteSize, IsoSurfaces};
 use super::geometry::GeometryArgs;
-use crate::camera::{Camera, DEFAULT_FOV_Y_DEGREES, Projection};
+use crate::camera::{Camera, Projection};
 use crate::classify::{Preset, TransferFunction, grey_ramp, read_paraview, window_range};
 use crate::engine::{DeviceChoice, EngineOptions};
 use crate::scene::{
     AntiAliasing, Background, Classification, GradientFilter, Interpolation, IsoSurface, Jitter,
     LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
-    TransferMode, default_window, volume_bounds,
+    TransferMode, default_window,
 };
 use crate::store::StoreMeta;
 
@@ -216,9 +216,9 @@ impl TransferArgs {
     }
 }
 
-/// The flags of a picture, as typed.
+/// The flags of a picture but for where it is taken from, as typed.
 #[derive(Clone, Debug, clap::Args)]
-pub(super) struct PictureArgs {
+pub(super) struct LookArgs {
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = args::picture_size, help_heading = "Picture")]
     size: [u32; 2],
@@ -304,24 +304,6 @@ pub(super) struct PictureArgs {
     #[arg(long, default_value = "0.99", value_parser = args::cutoff, help_heading = "Sampling")]
     opacity_cutoff: f32,
 
-    /// Position of the camera, world mm (RAS+)
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, conflicts_with_all = ["orbit", "camera"], help_heading = "Camera")]
-    eye: Option<DVec3>,
-    /// What the camera looks at, world mm [default: the volume's centre]
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, requires = "eye", help_heading = "Camera")]
-    target: Option<DVec3>,
-    /// What is up in the picture [default: 0,0,1]
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, requires = "eye", help_heading = "Camera")]
-    up: Option<DVec3>,
-    /// Vertical field of view, degrees [default: 30]
-    #[arg(long, value_name = "DEGREES", value_parser = args::positive, conflicts_with = "camera", help_heading = "Camera")]
-    fov: Option<f64>,
-    /// Camera on a sphere about the volume: 0,0 is the anterior view, 90,0 the patient's left [default: 0,0,1]
-    #[arg(long, value_name = "AZ,EL[,ZOOM]", value_parser = args::orbit, allow_hyphen_values = true, conflicts_with = "camera", help_heading = "Camera")]
-    orbit: Option<[f64; 3]>,
-    /// Camera from a file
-    #[arg(long, value_name = "FILE.json", help_heading = "Camera")]
-    camera: Option<PathBuf>,
     /// How rays run [default: perspective]
     #[arg(long, value_enum, help_heading = "Camera")]
     projection: Option<ProjectionArg>,
@@ -343,24 +325,21 @@ pub(super) struct PictureArgs {
     leap: Switch,
 }
 
-impl PictureArgs {
+impl LookArgs {
+    /// Width and height in pixels.
+    pub(super) fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
     /// The colour behind the volume.
     pub(super) fn background(&self) -> Background {
         self.background
     }
 
-    /// A flag that was given and that chooses a camera.
-    pub(super) fn camera_flag(&self) -> Option<&'static str> {
-        [
-            ("--eye", self.eye.is_some()),
-            ("--fov", self.fov.is_some()),
-            ("--orbit", self.orbit.is_some()),
-            ("--camera", self.camera.is_some()),
-            ("--projection", self.projection.is_some()),
-            ("--near", self.near.is_some()),
-        ]
-        .into_iter()
-        .find_map(|(flag, is_given)| is_given.then_some(flag))
+    /// A flag that was given and that says how rays run.
+    pub(super) fn ray_flag(&self) -> Option<&'static str> {
+        let projection = self.projection.map(|_| "--projection");
+        projection.or(self.near.map(|_| "--near"))
     }
 
     /// The pictures of all these modes, sizes and steps; an empty list is the one that was typed.
@@ -404,13 +383,15 @@ impl PictureArgs {
         self.machine.engine_options()
     }
 
-    /// The picture that is meant, for the volume of `meta`. Remarks for the user go into `notes`.
+    /// The picture that is meant, for the volume of `meta`, taken by `camera`, of which `--projection` and `--near` say more
+    /// where they were given. Remarks for the user go into `notes`.
     ///
     /// # Errors
-    /// A file can't be read, a name is unknown, or the flags contradict each other.
+    /// A file can't be read, a name is unknown, or the flags contradict each other or the camera.
     pub(super) fn settings(
         &self,
         meta: &StoreMeta,
+        camera: Camera,
         notes: &mut Vec<String>,
     ) -> anyhow::Result<PictureSettings> {
         let mode = self.mode.mode();
@@ -474,7 +455,7 @@ impl PictureArgs {
                 TechniqueArg::Slab => Technique::Slab,
             },
             geometry: self.geometry.geometry()?,
-            camera: self.camera(meta)?,
+            camera: self.aimed(camera)?,
         })
     }
 
@@ -520,30 +501,11 @@ impl PictureArgs {
         })
     }
 
-    fn camera(&self, meta: &StoreMeta) -> anyhow::Result<Camera> {
-        let bounds = volume_bounds(meta.dims, &meta.world_from_index);
-        let fov = self.fov.unwrap_or(DEFAULT_FOV_Y_DEGREES);
-        let mut camera = if let Some(path) = &self.camera {
-            Camera::read(path)?
-        } else if let Some(eye) = self.eye {
-            let target = self.target.unwrap_or(bounds.center);
-            // Looking straight up or down, +z can't be up: anterior is.
-            let vertical = (target - eye).normalize_or_zero().z.abs() > 1.0 - 1e-9;
-            let up = self
-                .up
-                .unwrap_or(if vertical { DVec3::Y } else { DVec3::Z });
-            Camera {
-                eye,
-                target,
-                up,
-                fov_y_degrees: fov,
-                projection: Projection::Perspective,
-                near_mm: 0.0,
-            }
-        } else {
-            let [azimuth, elevation, zoom] = self.orbit.unwrap_or([0.0, 0.0, 1.0]);
-            Camera::orbit(&bounds, azimuth, elevation, zoom, fov)?
-        };
+    /// `camera` with the projection and the near plane that were typed.
+    ///
+    /// # Errors
+    /// No picture can be taken with it.
+    pub(super) fn aimed(&self, mut camera: Camera) -> anyhow::Result<Camera> {
         if let Some(projection) = self.projection {
             camera.projection = match projection {
                 ProjectionArg::Perspective => Projection::Perspective,

@@ -8,6 +8,7 @@ pub mod args;
 mod cmd;
 mod config;
 mod geometry;
+mod picture;
 
 use std::ffi::OsString;
 use std::io::{self, Write};
@@ -37,6 +38,7 @@ enum Command {
     Extract(cmd::extract::Args),
     Presets(cmd::presets::Args),
     Render(Box<cmd::render::Args>),
+    Fly(Box<cmd::fly::Args>),
     Demo(cmd::demo::Args),
     Bench(cmd::bench::Args),
 }
@@ -72,6 +74,7 @@ pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
         Command::Extract(args) => cmd::extract::run(&args),
         Command::Presets(args) => cmd::presets::run(args),
         Command::Render(args) => cmd::render::run(&args),
+        Command::Fly(args) => cmd::fly::run(&args),
         Command::Demo(args) => cmd::demo::run(&args),
         Command::Bench(args) => cmd::bench::run(args),
     };

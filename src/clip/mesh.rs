@@ -125,6 +125,28 @@ impl TriangleMesh {
         self.triangles.len()
     }
 
+    /// A hash of vertices, triangles and normals: the same for meshes that are equal, on every machine.
+    pub fn content_hash(&self) -> u64 {
+        let mut hash = xxhash_rust::xxh3::Xxh3::new();
+        for vertex in &self.vertices {
+            for value in vertex.to_array() {
+                hash.update(&value.to_le_bytes());
+            }
+        }
+        for corner in self.triangles.as_flattened() {
+            hash.update(&corner.to_le_bytes());
+        }
+        for value in self
+            .corner_normals
+            .as_flattened()
+            .iter()
+            .flat_map(|n| n.to_array())
+        {
+            hash.update(&value.to_le_bytes());
+        }
+        hash.digest()
+    }
+
     /// The least box around all triangles, world mm.
     pub fn bounds(&self) -> Aabb {
         self.bounds

@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use super::bare::{BareRate, BareRates};
 use super::{
-    DeviceChoice, EngineError, EngineOptions, Picture, TickBudget, TickEvent, TickReport, prepare,
+    DeviceChoice, EngineError, EngineOptions, Picture, StandIns, TickBudget, TickEvent, TickReport,
+    prepare,
 };
 use crate::camera::Camera;
 use crate::classify::SegmentTables;
@@ -124,6 +125,7 @@ impl HostDevice {
             image,
             stats,
             touched: Vec::new(),
+            stand_ins: StandIns::default(),
             notes: technique_note(settings.technique).into_iter().collect(),
         })
     }

@@ -14,7 +14,7 @@ mod tick;
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 pub use active::ActiveShare;
 pub use bare::{BareRate, BareRates};
@@ -24,9 +24,10 @@ pub use options::{
     DeviceChoice, EngineError, EngineOptions, InstructionSet, ReadHook, ReadHookOption,
     SampleFilter,
 };
-pub use picture::Picture;
+pub use picture::{PageReport, Picture, StandIns};
 pub use tick::{TickBudget, TickEvent, TickReport};
 
+use crate::camera::Camera;
 use crate::classify::SegmentTables;
 use crate::scene::{
     Classified, GridParams, PictureSettings, RayFrame, SceneError, SlabShape, Technique,
@@ -214,6 +215,38 @@ impl Engine {
                 picture.stats.wall_ms = begin.elapsed().as_secs_f64() * 1e3;
                 Ok(picture)
             }
+        }
+    }
+
+    /// Says from where the next moving pictures of `settings` will be taken, the next one first; takes the place of what was
+    /// said before. From the next [`Self::draw_moving`] on, [`Self::page`] loads what they will probably need behind what
+    /// is missing: it takes no slot from what the last frame was drawn from, and delays nothing that is needed. A camera
+    /// that was named the last time costs nothing. Without cameras: nothing is predicted. On the CPU of no effect.
+    ///
+    /// # Errors
+    /// The settings make no picture from one of the cameras.
+    pub fn predict(
+        &mut self,
+        settings: &PictureSettings,
+        cameras: &[Camera],
+    ) -> Result<(), EngineError> {
+        match &mut self.device {
+            Device::Cpu(_) => Ok(()),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.predict(settings, cameras),
+        }
+    }
+
+    /// For at most about `time`, loads what the last moving frame missed and then what is predicted; returns sooner when
+    /// there is nothing more to load. On the CPU of no effect.
+    ///
+    /// # Errors
+    /// The device is lost. A brick that can't be read is no error.
+    pub fn page(&mut self, time: Duration) -> Result<PageReport, EngineError> {
+        match &mut self.device {
+            Device::Cpu(_) => Ok(PageReport::default()),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.page(time),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Volumes and pictures out: NIfTI, NRRD, raw and PNG.
+//! Volumes, pictures and films out: NIfTI, NRRD, raw, PNG and MP4.
 //!
 //! Writers get voxels in z order and stream them; each file appears only when it is complete ([`crate::outfile`]).
 //! No rendering here, and no choice of what is exported. [`extract`] streams a store's voxels into such a file.
@@ -9,6 +9,7 @@ mod nrrd;
 mod png;
 mod raw;
 mod sink;
+pub mod video;
 mod writer;
 
 pub use self::extract::{extract, extracted};

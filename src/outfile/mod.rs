@@ -100,6 +100,11 @@ impl OutFile {
         self.temp.as_file_mut()
     }
 
+    /// Where the file is until then: for another program that is to write it. It must not be replaced, only written.
+    pub fn temp_path(&self) -> &Path {
+        self.temp.path()
+    }
+
     /// The name the file will have.
     pub fn dest(&self) -> &Path {
         &self.dest

@@ -292,6 +292,23 @@ impl Pager {
             .map(|(&brick, _)| brick)
     }
 
+    /// Bricks that were ordered and are but predicted, while bricks that are needed wait for their order, in no order. An
+    /// engine takes back those orders that no thread has begun with, as it does unwanted ones: then no prediction
+    /// delays what is needed. They are ordered again after it.
+    pub fn yielding_orders(&self) -> impl Iterator<Item = BrickId> + '_ {
+        let needed = |r: &Request| r.priority.class < RequestClass::Predicted;
+        let must_yield = self.queue.first().is_some_and(needed);
+        let is_predicted = |w: &Wanted| w.priority.class == RequestClass::Predicted;
+        self.states
+            .iter()
+            .filter(move |(brick, state)| {
+                must_yield
+                    && **state == BrickState::Decoding
+                    && self.wanted.get(brick).is_some_and(is_predicted)
+            })
+            .map(|(&brick, _)| brick)
+    }
+
     /// True when nothing is in flight and a step would do nothing: so it stays until the next frame.
     pub fn is_idle(&self) -> bool {
         self.decoding == 0 && self.ready.is_empty() && !self.can_load()
@@ -329,6 +346,9 @@ impl Pager {
             match self.state(brick) {
                 BrickState::Resident(_) if priority.class <= RequestClass::Held => {
                     self.slots.order.protect(brick);
+                }
+                BrickState::Resident(_) if priority.class == RequestClass::Predicted => {
+                    self.slots.order.predict(Request { priority, brick });
                 }
                 BrickState::Resident(_) => self.slots.order.ask(brick),
                 BrickState::Failed | BrickState::Constant => {}
@@ -381,7 +401,8 @@ impl Pager {
         match class {
             RequestClass::Pinned | RequestClass::Held => Tier::Asked,
             RequestClass::Missing if !self.keep_touched => Tier::Latest,
-            RequestClass::Missing | RequestClass::Predicted => Tier::Previous,
+            RequestClass::Missing => Tier::Predicted,
+            RequestClass::Predicted => Tier::Previous,
         }
     }
 
@@ -447,7 +468,7 @@ impl Pager {
                 .expect("invariant: a brick with a share finds a slot");
             self.wanted.remove(&brick);
             let mut is_asked_evicted = false;
-            if let Some((old, tier)) = placed.evicted {
+            if let Some(old) = placed.evicted {
                 plan.evicted += 1;
                 self.counts.evictions += 1;
                 plan.patches.push(PageTablePatch {
@@ -460,7 +481,7 @@ impl Pager {
                 } else {
                     self.apply(old, Event::Drop);
                 }
-                is_asked_evicted = tier == Tier::Asked;
+                is_asked_evicted = self.asked.contains_key(&old);
             }
             self.apply(brick, Event::Place(placed.slot));
             self.ram.set_resident(brick);
@@ -471,7 +492,8 @@ impl Pager {
                 slot: Some(slot),
             });
             if is_asked_evicted {
-                // A held brick took the slot of a requested one, which now waits like the others.
+                // A held brick took the slot of a requested one, or a requested one that of a predicted one, which now
+                // waits like the others.
                 self.want();
             }
         }

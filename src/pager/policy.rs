@@ -41,6 +41,7 @@ use std::collections::{BTreeSet, HashMap};
 use glam::UVec3;
 use lru::LruCache;
 
+use super::{Priority, Request};
 use crate::geom::{BrickId, Lod};
 
 /// A pause of at most so many passes does not count as one.
@@ -59,6 +60,8 @@ pub(super) enum Tier {
     Stale,
     /// Used in the pass before the last.
     Previous,
+    /// Predicted by this frame, and not used in the last pass.
+    Predicted,
     /// Used in the last pass.
     Latest,
     /// Asked for by this frame.
@@ -83,6 +86,7 @@ type Key = (u64, Reverse<u64>);
 #[derive(Clone, Copy, Debug)]
 enum Place {
     Stale(Key),
+    Predicted(Priority),
     Asked,
     Protected,
 }
@@ -102,6 +106,8 @@ pub(super) struct EvictionOrder {
     /// All other bricks with a slot.
     others: HashMap<BrickId, (Uses, Place)>,
     stale: BTreeSet<(Key, BrickId)>,
+    /// Predicted by this frame: the last of them leaves first.
+    predicted: BTreeSet<Request>,
     /// Asked for by this frame, by last use.
     asked: BTreeSet<(u64, BrickId)>,
     protected: Vec<BrickId>,
@@ -119,6 +125,7 @@ impl EvictionOrder {
             latest: 0,
             others: HashMap::new(),
             stale: BTreeSet::new(),
+            predicted: BTreeSet::new(),
             asked: BTreeSet::new(),
             protected: Vec::new(),
             evicted: LruCache::new(
@@ -129,11 +136,17 @@ impl EvictionOrder {
         }
     }
 
-    /// A pass is over: everything is a pass older, and nothing is protected or asked for any more. What was, counts as
-    /// used by the pass that is over.
+    /// A pass is over: everything is a pass older, and nothing is protected, asked for or predicted any more. What was,
+    /// counts as used by the pass that is over.
     pub(super) fn next_pass(&mut self) {
         let asked = std::mem::take(&mut self.asked).into_iter().map(|(_, b)| b);
-        let needed: Vec<BrickId> = asked.chain(self.protected.drain(..)).collect();
+        let predicted = std::mem::take(&mut self.predicted)
+            .into_iter()
+            .map(|request| request.brick);
+        let needed: Vec<BrickId> = asked
+            .chain(predicted)
+            .chain(self.protected.drain(..))
+            .collect();
         for brick in needed {
             if let Some((uses, _)) = self.others.remove(&brick) {
                 let uses = if uses.last == self.pass {
@@ -202,22 +215,43 @@ impl EvictionOrder {
         }
     }
 
+    /// The brick leaves in this pass for what is needed, not for what is predicted, too; those predicted for later go first.
+    /// Of no effect on one that the last pass used.
+    pub(super) fn predict(&mut self, request: Request) {
+        let brick = request.brick;
+        let is_latest = |uses: &Uses| uses.last == self.pass;
+        if self.recent.peek(&brick).is_some_and(is_latest) {
+            return;
+        }
+        if let Some(uses) = self.take_out(brick) {
+            let place = Place::Predicted(request.priority);
+            self.others.insert(brick, (uses, place));
+            self.predicted.insert(request);
+        }
+    }
+
     /// Number of bricks that may leave, up to and with tier `most`.
     pub(super) fn evictable(&self, most: Tier) -> usize {
         let previous = self.recent.len() - self.latest;
-        let counts = [self.stale.len(), previous, self.latest, self.asked.len()];
+        let counts = [
+            self.stale.len(),
+            previous,
+            self.predicted.len(),
+            self.latest,
+            self.asked.len(),
+        ];
         counts[..=most as usize].iter().sum()
     }
 
     /// Takes out the brick to leave, of tier `most` at most.
-    pub(super) fn evict(&mut self, most: Tier) -> Option<(BrickId, Tier)> {
+    pub(super) fn evict(&mut self, most: Tier) -> Option<BrickId> {
         let (brick, tier) = self.head()?;
         if tier > most {
             return None;
         }
         let uses = self.take_out(brick)?;
         self.evicted.push(brick, uses);
-        Some((brick, tier))
+        Some(brick)
     }
 
     /// The brick that would leave first.
@@ -237,16 +271,17 @@ impl EvictionOrder {
             };
             return Some((brick, Tier::Stale));
         }
-        if let Some((&brick, uses)) = self.recent.peek_lru() {
-            let is_latest = uses.last == self.pass;
-            return Some((
-                brick,
-                if is_latest {
-                    Tier::Latest
-                } else {
-                    Tier::Previous
-                },
-            ));
+        let recent = self.recent.peek_lru();
+        if let Some((&brick, uses)) = recent
+            && uses.last < self.pass
+        {
+            return Some((brick, Tier::Previous));
+        }
+        if let Some(request) = self.predicted.last() {
+            return Some((request.brick, Tier::Predicted));
+        }
+        if let Some((&brick, _)) = recent {
+            return Some((brick, Tier::Latest));
         }
         let &(_, brick) = self.asked.first()?;
         Some((brick, Tier::Asked))
@@ -264,6 +299,7 @@ impl EvictionOrder {
         match place {
             Place::Protected => return None,
             Place::Asked => self.asked.remove(&(uses.stamp, brick)),
+            Place::Predicted(priority) => self.predicted.remove(&Request { priority, brick }),
             Place::Stale(key) => self.stale.remove(&(key, brick)),
         };
         self.others.remove(&brick);

@@ -137,7 +137,7 @@ impl Replacement for EvictionOrder {
     }
 
     fn evict(&mut self) -> Option<BrickId> {
-        Self::evict(self, Tier::Asked).map(|(brick, _)| brick)
+        Self::evict(self, Tier::Asked)
     }
 }
 

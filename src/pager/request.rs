@@ -22,6 +22,8 @@ pub enum RequestClass {
 pub struct Priority {
     /// Why it is wanted.
     pub class: RequestClass,
+    /// Of predicted bricks: in how many frames it is wanted, sooner comes first. 0 for what is needed now.
+    pub ahead: u32,
     /// Rays that stopped for it: more come first.
     pub stopped_rays: Reverse<u32>,
     /// Its level: coarser comes first.
@@ -35,9 +37,18 @@ impl Priority {
     pub const fn new(class: RequestClass, stopped_rays: u32, lod: Lod, distance: u32) -> Self {
         Self {
             class,
+            ahead: 0,
             stopped_rays: Reverse(stopped_rays),
             coarseness: Reverse(lod),
             distance,
+        }
+    }
+
+    /// Of a brick that is predicted to be wanted in `ahead` frames.
+    pub const fn predicted(ahead: u32, lod: Lod) -> Self {
+        Self {
+            ahead,
+            ..Self::new(RequestClass::Predicted, 0, lod, 0)
         }
     }
 }

@@ -95,8 +95,8 @@ pub struct SlotPool {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placed {
     pub(super) slot: SlotId,
-    /// Who had to leave, and how much it was needed.
-    pub(super) evicted: Option<(BrickId, Tier)>,
+    /// Who had to leave.
+    pub(super) evicted: Option<BrickId>,
 }
 
 impl SlotPool {
@@ -139,14 +139,14 @@ impl SlotPool {
                 evicted: None,
             },
             None => {
-                let (old, tier) = self.order.evict(most)?;
+                let old = self.order.evict(most)?;
                 let slot = self
                     .resident
                     .remove(&old)
                     .expect("invariant: what can leave has a slot");
                 Placed {
                     slot,
-                    evicted: Some((old, tier)),
+                    evicted: Some(old),
                 }
             }
         };

@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use brickscope::geom::BrickId;
 use brickscope::pager::{
-    BrickState, Completion, FrameRequests, Pager, PagerBudget, Plan, SlotId, SlotPool, StepLimits,
+    BrickState, Completion, FrameRequests, Pager, PagerBudget, Plan, Priority, Request,
+    RequestClass, SlotId, SlotPool, StepLimits,
 };
 
 /// A fault put into the pager on purpose: the model must notice.
@@ -31,6 +32,8 @@ pub enum Fault {
     UploadsAtOnce,
     /// Bricks that could not be read are tried again at once.
     Retries,
+    /// Predicted bricks are taken for requested ones.
+    NeedsPredicted,
 }
 
 /// Everything that a run is made with.
@@ -58,11 +61,23 @@ pub struct Model {
     pinned: BTreeSet<BrickId>,
     held: BTreeSet<BrickId>,
     kept: BTreeSet<BrickId>,
+    /// Requested, and not but predicted.
+    requested: BTreeSet<BrickId>,
     placed: BTreeSet<BrickId>,
     /// Loads so far.
     pub loads: u64,
     /// Evictions so far.
     pub evictions: u64,
+}
+
+fn as_missing(request: Request) -> Request {
+    Request {
+        priority: Priority {
+            class: RequestClass::Missing,
+            ..request.priority
+        },
+        ..request
+    }
 }
 
 /// What is broken, in words.
@@ -103,6 +118,7 @@ impl Model {
             pinned: pinned.iter().copied().collect(),
             held: BTreeSet::new(),
             kept: BTreeSet::new(),
+            requested: BTreeSet::new(),
             placed: BTreeSet::new(),
             loads: 0,
             evictions: 0,
@@ -124,7 +140,22 @@ impl Model {
         } else {
             BTreeSet::new()
         };
+        let needed = |r: &&Request| r.priority.class < RequestClass::Predicted;
+        self.requested = frame
+            .requests
+            .iter()
+            .filter(needed)
+            .map(|r| r.brick)
+            .collect();
         match self.fault {
+            Fault::NeedsPredicted => {
+                let requests: Vec<Request> =
+                    frame.requests.iter().copied().map(as_missing).collect();
+                self.pager.begin_frame(&FrameRequests {
+                    requests: &requests,
+                    ..*frame
+                });
+            }
             Fault::ForgetsHeld => self.pager.begin_frame(&FrameRequests {
                 held: &[],
                 ..*frame
@@ -297,6 +328,19 @@ impl Model {
             );
         }
         check!(self.pager.is_placed(), "at rest with bricks to be placed");
+        let needed: BTreeSet<BrickId> = [&self.held, &self.pinned, &self.kept, &self.requested]
+            .into_iter()
+            .flatten()
+            .copied()
+            .collect();
+        if needed.len() <= self.setup.slots as usize {
+            for brick in &needed {
+                check!(
+                    resident.contains(brick) || self.failed.contains(brick),
+                    "{brick} fits and never came"
+                );
+            }
+        }
         check!(
             !fits || self.pager.is_satisfied(),
             "everything fits and is not there"

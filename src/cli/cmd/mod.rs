@@ -4,6 +4,7 @@ pub mod bench;
 pub mod brick;
 pub mod demo;
 pub mod extract;
+pub mod fly;
 pub mod info;
 pub mod presets;
 mod progress;

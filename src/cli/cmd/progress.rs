@@ -18,14 +18,17 @@ impl Bar {
     fn with(&self, work: impl FnOnce(&mut Option<ProgressBar>)) {
         work(&mut self.bar.lock().unwrap_or_else(PoisonError::into_inner));
     }
-}
 
-impl Progress for Bar {
-    fn begin(&self, what: &str, total: u64) {
+    /// Begins to count `total` frames; [`Progress::advance`] counts them.
+    pub(super) fn begin_frames(&self, what: &str, total: u64) {
+        let template = "{msg} [{bar:32}] {pos}/{len} frames  {per_sec}  {eta} left";
+        self.begin_with(template, what, total);
+    }
+
+    fn begin_with(&self, template: &str, what: &str, total: u64) {
         if !io::stderr().is_terminal() {
             return;
         }
-        let template = "{msg} [{bar:32}] {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left";
         let style = ProgressStyle::with_template(template)
             .unwrap_or_else(|_| ProgressStyle::default_bar())
             .progress_chars("=> ");
@@ -34,6 +37,13 @@ impl Progress for Bar {
             .with_message(what.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
         self.with(|slot| *slot = Some(bar));
+    }
+}
+
+impl Progress for Bar {
+    fn begin(&self, what: &str, total: u64) {
+        let template = "{msg} [{bar:32}] {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left";
+        self.begin_with(template, what, total);
     }
 
     fn advance(&self, bytes: u64) {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, bail};
 
-use crate::cli::config::PictureArgs;
+use crate::cli::picture::PictureArgs;
 use crate::engine::{Engine, Picture};
 use crate::export::write_png;
 use crate::outfile::{Existing, OutFile, write_whole};

@@ -8,7 +8,7 @@ use crate::pager::{FrameRequests, Request, RequestClass};
 use crate::render::{Cast, Feedback, PendingFeedback, Renderer};
 use crate::scene::{AntiAliasing, Image, PictureSettings, RayCounts, RayFrame};
 
-use super::super::{EngineError, Picture, TickBudget};
+use super::super::{EngineError, Picture, StandIns, TickBudget};
 use super::plan::PicturePlan;
 use super::{GpuDevice, ROOM};
 
@@ -33,6 +33,8 @@ pub(super) struct Asked {
     pub(super) missing: Vec<BrickId>,
     /// Bricks that it was drawn from.
     pub(super) touched: Vec<BrickId>,
+    /// What stood in for the missing ones.
+    pub(super) stand_ins: StandIns,
     /// Both fit the atlas together.
     pub(super) fits: bool,
 }
@@ -79,7 +81,11 @@ impl GpuDevice {
             for report in pending {
                 reports.push(report.wait(&self.gpu)?);
             }
-            let asked = self.ask(&plan.rays, &reports);
+            let predicted = match &self.volume {
+                Some(volume) if !is_first => self.foresight.requests(volume.capacity()),
+                _ => Vec::new(),
+            };
+            let asked = self.ask(&plan.rays, &reports, &predicted);
             let missing = asked.missing.len();
             let Some(volume) = &mut self.volume else {
                 unreachable!("invariant: as above")
@@ -106,6 +112,7 @@ impl GpuDevice {
             image: drawn.image,
             stats,
             touched: asked.touched,
+            stand_ins: asked.stand_ins,
             notes: Vec::new(),
         })
     }
@@ -170,14 +177,21 @@ impl GpuDevice {
         })
     }
 
-    /// Asks for what the rays of a draft missed.
-    pub(super) fn ask(&mut self, rays: &RayFrame, reports: &[Feedback]) -> Asked {
+    /// Asks for what the rays of a draft missed and, behind that, for what is predicted.
+    pub(super) fn ask(
+        &mut self,
+        rays: &RayFrame,
+        reports: &[Feedback],
+        predicted: &[Request],
+    ) -> Asked {
         let Some(volume) = &mut self.volume else {
             unreachable!("invariant: a draft was drawn from a volume")
         };
         let mut rays_of: BTreeMap<u32, u32> = BTreeMap::new();
         let mut touched: Vec<BrickId> = Vec::new();
+        let mut stand_ins = StandIns::default();
         for report in reports {
+            stand_ins.rays += u64::from(report.stopped);
             for missed in &report.missed {
                 *rays_of.entry(missed.number).or_insert(0) += missed.rays;
             }
@@ -185,13 +199,18 @@ impl GpuDevice {
         }
         touched.sort_unstable();
         touched.dedup();
-        let requests: Vec<Request> = rays_of
+        let mut requests: Vec<Request> = rays_of
             .into_iter()
             .map(|(number, stopped)| {
                 let brick = volume.residency.brick(number);
                 volume.request(rays, RequestClass::Missing, brick, stopped)
             })
             .collect();
+        let missing: Vec<BrickId> = requests.iter().map(|r| r.brick).collect();
+        for &brick in &missing {
+            *stand_ins.bricks.entry(volume.stand_in(brick)).or_insert(0) += 1;
+        }
+        requests.extend(predicted);
         volume.begin_frame(&FrameRequests {
             requests: &requests,
             held: &[],
@@ -199,9 +218,10 @@ impl GpuDevice {
             keep_touched: true,
         });
         Asked {
-            fits: requests.len() + touched.len() <= volume.capacity(),
-            missing: requests.iter().map(|r| r.brick).collect(),
+            fits: missing.len() + touched.len() <= volume.capacity(),
+            missing,
             touched,
+            stand_ins,
         }
     }
 }

@@ -434,7 +434,7 @@ impl GpuDevice {
             let Some(ready) = &live.ready else {
                 unreachable!("invariant: a draft was begun when it was ready")
             };
-            let asked = self.ask(&ready.final_plan().rays, &draft.reports);
+            let asked = self.ask(&ready.final_plan().rays, &draft.reports, &[]);
             live.missing = asked.missing.len() as u64;
             live.requested.extend(asked.missing);
             live.touched.extend(asked.touched);

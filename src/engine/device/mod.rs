@@ -5,6 +5,7 @@ mod bounds;
 mod classification;
 mod draft;
 mod exact;
+mod foresight;
 mod live;
 mod paged;
 mod plan;
@@ -12,8 +13,10 @@ mod slab;
 mod waits;
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
-use super::{EngineError, EngineOptions, Picture};
+use super::{EngineError, EngineOptions, PageReport, Picture, StandIns, TickBudget};
+use crate::camera::Camera;
 use crate::classify::SegmentTables;
 use crate::geom::{BrickGrid, Lod};
 use crate::gpu::layout::MAX_LEVELS;
@@ -25,6 +28,7 @@ use crate::store::Store;
 
 use classification::{KnownRanges, SeenLevels};
 use exact::{ExactRun, Progress, Wait, segment_bricks};
+use foresight::Foresight;
 use live::Live;
 use paged::{PagedVolume, Traffic};
 use plan::{PicturePlan, ReadyPictures};
@@ -57,6 +61,8 @@ pub(super) struct GpuDevice {
     live: Option<Live>,
     /// For what movement bricks were loaded: its settings, with the camera nowhere and without leaping.
     moving: Option<PictureSettings>,
+    /// What the next moving pictures will probably need.
+    foresight: Foresight,
     /// Bound of all bytes on the device: what was asked for, or less once the device refused.
     budget_bytes: u64,
     /// What the last picture asked of the device.
@@ -93,6 +99,7 @@ impl GpuDevice {
             past_traffic: Traffic::default(),
             live: None,
             moving: None,
+            foresight: Foresight::default(),
             budget_bytes,
             attempted_bytes: 0,
         })
@@ -140,6 +147,43 @@ impl GpuDevice {
             .as_mut()
             .and_then(|volume| volume.waits.as_mut())
             .map_or_else(Vec::new, waits::Waits::take)
+    }
+
+    /// See [`super::Engine::predict`].
+    pub(super) fn predict(
+        &mut self,
+        settings: &PictureSettings,
+        cameras: &[Camera],
+    ) -> Result<(), EngineError> {
+        let Self {
+            store,
+            tables,
+            foresight,
+            ..
+        } = self;
+        foresight.look(store, tables, settings, cameras)
+    }
+
+    /// See [`super::Engine::page`].
+    pub(super) fn page(&mut self, time: Duration) -> Result<PageReport, EngineError> {
+        let begin = Instant::now();
+        let Some(volume) = &mut self.volume else {
+            return Ok(PageReport::default());
+        };
+        let before = volume.traffic;
+        loop {
+            volume.advance(&self.gpu, TickBudget::default().upload_bytes)?;
+            let left = time.saturating_sub(begin.elapsed());
+            if left.is_zero() || volume.is_idle() {
+                break;
+            }
+            volume.wait_for_one(left);
+        }
+        let traffic = volume.traffic.since(before);
+        Ok(PageReport {
+            bricks_read: traffic.bricks_read,
+            bricks_uploaded: traffic.bricks_uploaded,
+        })
     }
 
     /// Draws a picture, with less memory than allowed if the device has not so much.
@@ -221,6 +265,7 @@ impl GpuDevice {
             image: run.image,
             stats,
             touched: run.touched.into_iter().collect(),
+            stand_ins: StandIns::default(),
             notes: Vec::new(),
         })
     }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use glam::DVec3;
 
 use crate::classify::Visibility;
-use crate::geom::{BLOCKS_PER_BRICK, BrickGrid, BrickId, Lod, STORED_VOXELS};
+use crate::geom::{BLOCKS_PER_BRICK, BRICK_EDGE, BrickGrid, BrickId, Lod, STORED_VOXELS};
 use crate::gpu::{GpuContext, Staging};
 use crate::pager::{
     Completion, FrameRequests, Loaded, Loader, Pager, PagerBudget, Priority, Request, RequestClass,
@@ -285,8 +285,7 @@ impl PagedVolume {
         stopped: u32,
     ) -> Request {
         let level = rays.levels.iter().find(|l| l.lod == brick.lod);
-        let middle =
-            (brick.xyz.as_dvec3() + DVec3::splat(0.5)) * f64::from(crate::geom::BRICK_EDGE);
+        let middle = (brick.xyz.as_dvec3() + DVec3::splat(0.5)) * f64::from(BRICK_EDGE);
         let distance_mm = level.map_or(0.0, |l| {
             let world = l.world_from_level.transform_point3(middle);
             world.distance(rays.world_from_view.translation)
@@ -303,11 +302,13 @@ impl PagedVolume {
     pub(super) fn begin_frame(&mut self, frame: &FrameRequests<'_>) {
         self.pager.begin_frame(frame);
         if let Some(waits) = &mut self.waits {
-            let asked = frame.requests.iter().map(|r| r.brick);
+            let needed = |r: &&Request| r.priority.class < RequestClass::Predicted;
+            let asked = frame.requests.iter().filter(needed).map(|r| r.brick);
             let all = asked.chain(frame.held.iter().copied());
             waits.wanted(all.filter(|&brick| self.pager.slot(brick).is_none()));
         }
-        let unwanted: Vec<BrickId> = self.pager.unwanted_orders().collect();
+        let unwanted = self.pager.unwanted_orders();
+        let unwanted: Vec<BrickId> = unwanted.chain(self.pager.yielding_orders()).collect();
         for brick in unwanted {
             if self.loader.cancel(brick) {
                 self.completions.push(Completion::Cancelled(brick));
@@ -318,6 +319,27 @@ impl PagedVolume {
     /// Everything that will get a slot in this frame has one: a dispatch may run.
     pub(super) fn is_placed(&self) -> bool {
         self.pager.is_placed()
+    }
+
+    /// Nothing is on its way, and nothing more can be loaded for this frame.
+    pub(super) fn is_idle(&self) -> bool {
+        self.pager.is_idle() && self.completions.is_empty()
+    }
+
+    /// The level that stands in for a missing brick, at its middle; `None` where nothing is there.
+    pub(super) fn stand_in(&self, brick: BrickId) -> Option<Lod> {
+        let scale = |lod: Lod| self.store.level(lod).scale;
+        let edge = f64::from(BRICK_EDGE);
+        let middle = (brick.xyz.as_dvec3() + 0.5) * edge * scale(brick.lod);
+        (brick.lod.0 + 1..self.grids.len() as u8)
+            .map(Lod)
+            .find(|&lod| {
+                let grid = &self.grids[usize::from(lod.0)];
+                let last = (grid.bricks - 1).as_dvec3();
+                let place = (middle / scale(lod) / edge).floor().min(last);
+                let coarser = BrickId::new(lod, place.as_uvec3());
+                self.pager.slot(coarser).is_some() || self.store.entry(coarser).constant
+            })
     }
 
     /// Loads and places what was asked for until nothing more of it can be had.
@@ -506,7 +528,7 @@ impl PagedVolume {
         let grid = &self.grids[usize::from(lod.0)];
         let last = (grid.bricks - 1).as_dvec3();
         let place = |p: DVec3| {
-            (p / f64::from(crate::geom::BRICK_EDGE))
+            (p / f64::from(BRICK_EDGE))
                 .floor()
                 .clamp(DVec3::ZERO, last)
                 .as_uvec3()

@@ -8,7 +8,7 @@ use super::output::{OutputArgs, note};
 use super::{note_fallback, refuse_camera};
 use crate::bench::{ClassifyJob, ClassifyRow, vol_name};
 use crate::cli::args;
-use crate::cli::config::PictureArgs;
+use crate::cli::picture::PictureArgs;
 use crate::engine::Engine;
 use crate::scene::{LodChoice, PictureSettings};
 use crate::store::Store;

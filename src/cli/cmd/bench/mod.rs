@@ -12,7 +12,7 @@ use std::process::ExitCode;
 use anyhow::bail;
 use clap::Subcommand;
 
-use crate::cli::config::PictureArgs;
+use crate::cli::picture::PictureArgs;
 use crate::engine::Engine;
 
 /// Measure what pictures, stores, paging and edits cost

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::output::{OutputArgs, note};
 use super::{note_fallback, refuse_camera};
 use crate::bench::{PageJob, StoreCeiling, vol_name};
-use crate::cli::config::PictureArgs;
+use crate::cli::picture::PictureArgs;
 use crate::engine::{Engine, EngineOptions};
 use crate::store::Store;
 

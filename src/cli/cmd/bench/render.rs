@@ -8,7 +8,8 @@ use super::output::{OutputArgs, note};
 use super::{note_fallback, refuse_camera};
 use crate::bench::{RenderJob, RenderRow, StoreCeiling, WarmUp, vol_name};
 use crate::cli::args;
-use crate::cli::config::{ModeArg, PictureArgs};
+use crate::cli::config::ModeArg;
+use crate::cli::picture::PictureArgs;
 use crate::engine::Engine;
 use crate::store::Store;
 

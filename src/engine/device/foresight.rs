@@ -1,0 +1,163 @@
+//! What cameras to come will need, told from the index alone: which bricks their rays pass in which something may be
+//! visible. Cheap (a ray for every 8×8 pixels, no sample is taken) and a guess: what hides what is not known, so what lies
+//! behind other such bricks is only wanted later.
+
+use std::collections::HashMap;
+
+use crate::camera::Camera;
+use crate::classify::SegmentTables;
+use crate::geom::{BRICK_EDGE, BrickId, CellWalk};
+use crate::pager::{Priority, Request};
+use crate::scene::{Mode, PictureSettings};
+use crate::store::Store;
+
+use super::super::EngineError;
+use super::exact::LevelRay;
+use super::plan::PicturePlan;
+use crate::render::Activity;
+
+/// Pixels between two rays. A brick of a level that is chosen by distance is 16 pixels wide or more.
+const PITCH: f64 = 8.0;
+/// A brick behind another one counts as wanted so many views later.
+const VIEWS_PER_DEPTH: u32 = 2;
+/// Where rays end at what they meet, a ray is followed through so many bricks.
+const MOST_DEPTH: u32 = 6;
+
+/// What is foreseen of some cameras.
+#[derive(Debug, Default)]
+pub(super) struct Foresight {
+    /// Of which pictures, the camera apart.
+    settings: Option<PictureSettings>,
+    views: Vec<View>,
+    /// Views looked at so far: each has its rays elsewhere in the pixels.
+    count: u32,
+}
+
+/// What one camera will need.
+#[derive(Debug)]
+struct View {
+    camera: Camera,
+    /// Each brick once, with the least number of others that a ray passes before it.
+    bricks: Vec<(BrickId, u32)>,
+}
+
+impl Foresight {
+    /// Looks at what pictures of `settings` will need from `cameras`, the next one first. Those that were named the last
+    /// time are not looked at again.
+    ///
+    /// # Errors
+    /// The settings make no picture from one of the cameras.
+    pub(super) fn look(
+        &mut self,
+        store: &Store,
+        tables: &SegmentTables,
+        settings: &PictureSettings,
+        cameras: &[Camera],
+    ) -> Result<(), EngineError> {
+        let nowhere = settings.without_place();
+        if self.settings.as_ref() != Some(&nowhere) {
+            self.views.clear();
+            self.settings = Some(nowhere);
+        }
+        let mut before = std::mem::take(&mut self.views);
+        for &camera in cameras {
+            let known = before.iter().position(|v| v.camera == camera);
+            let view = match known {
+                Some(place) => before.swap_remove(place),
+                None => {
+                    let settings = PictureSettings {
+                        camera,
+                        ..settings.clone()
+                    };
+                    let plan = PicturePlan::new(store, tables, &settings)?;
+                    self.count += 1;
+                    View {
+                        camera,
+                        bricks: bricks_in_view(store, &plan, place_of_rays(self.count)),
+                    }
+                }
+            };
+            self.views.push(view);
+        }
+        Ok(())
+    }
+
+    /// The bricks of all views as requests, at most `most`: those that are wanted first.
+    pub(super) fn requests(&self, most: usize) -> Vec<Request> {
+        let mut ahead_of: HashMap<BrickId, u32> = HashMap::new();
+        for (number, view) in (0_u32..).zip(&self.views) {
+            for &(brick, depth) in &view.bricks {
+                let ahead = number + depth * VIEWS_PER_DEPTH;
+                ahead_of
+                    .entry(brick)
+                    .and_modify(|least| *least = ahead.min(*least))
+                    .or_insert(ahead);
+            }
+        }
+        let mut requests: Vec<Request> = ahead_of
+            .into_iter()
+            .map(|(brick, ahead)| Request {
+                priority: Priority::predicted(ahead, brick.lod),
+                brick,
+            })
+            .collect();
+        requests.sort_unstable();
+        requests.truncate(most);
+        requests
+    }
+}
+
+/// Where in their squares of pixels the rays of view number `count` pass, 0 to 1: spread evenly over successive views (the
+/// R2 sequence of M. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
+fn place_of_rays(count: u32) -> [f64; 2] {
+    [0.754_877_666_246_693, 0.569_840_290_998_053].map(|step| (f64::from(count) * step).fract())
+}
+
+/// The bricks with voxels in which something may be visible and that rays of the picture pass.
+fn bricks_in_view(store: &Store, plan: &PicturePlan, place: [f64; 2]) -> Vec<(BrickId, u32)> {
+    let rays = &plan.rays;
+    let most_depth = match plan.settings.mode {
+        Mode::Dvr | Mode::Iso | Mode::Gradient => MOST_DEPTH,
+        // Rays go on to the volume's end.
+        Mode::Mip | Mode::MinIp | Mode::Mean | Mode::Xray => u32::MAX,
+    };
+    let mut depth_of: HashMap<BrickId, u32> = HashMap::new();
+    let pixels = |axis: usize| {
+        let size = f64::from(rays.size[axis]);
+        let count = (size / PITCH).ceil() as u32;
+        (0..count).map(move |i| ((f64::from(i) + place[axis]) * PITCH).min(size - 1.0))
+    };
+    for y in pixels(1) {
+        for x in pixels(0) {
+            let mut depth = 0;
+            for level in rays.used() {
+                let Some(seen) = plan.levels.get(&level.lod) else {
+                    continue;
+                };
+                let ray = LevelRay::new(rays, level, [x, y]);
+                let last = f64::from(rays.last_index) / f64::from(1_u32 << level.lod.0);
+                let ends = [f64::from(level.begin), f64::from(level.end).min(last)];
+                let [from, to] = ends.map(|index| ray.place(index) / f64::from(BRICK_EDGE));
+                let grid = store.level(level.lod).grid;
+                for xyz in CellWalk::new(from, to, grid.bricks) {
+                    if depth >= most_depth {
+                        break;
+                    }
+                    let brick = BrickId::new(level.lod, xyz);
+                    let entry = store.entry(brick);
+                    if seen.of_range([entry.min, entry.max]) != Activity::Unknown {
+                        continue;
+                    }
+                    if !entry.constant {
+                        depth_of
+                            .entry(brick)
+                            .and_modify(|least| *least = depth.min(*least))
+                            .or_insert(depth);
+                    }
+                    depth += 1;
+                }
+            }
+        }
+    }
+    depth_of.into_iter().collect()
+}
