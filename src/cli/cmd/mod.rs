@@ -5,6 +5,7 @@ pub mod brick;
 pub mod demo;
 pub mod extract;
 pub mod info;
+pub mod path;
 pub mod presets;
 mod progress;
 pub mod render;
