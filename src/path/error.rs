@@ -37,17 +37,18 @@ pub enum CenterlineError {
         nearest: Option<NearestLumen>,
     },
     #[error(
-        "{seed} {at}: there is no lumen near it on level {level}, the finest that fits; give more --memory, so that finer voxels are looked at"
+        "{seed} {at}: there is no lumen near it on level {level}, the finest that fits --memory; {}", enough_text(*.enough_bytes)
     )]
     Lost {
         seed: &'static str,
         at: DVec3,
         level: u8,
+        enough_bytes: u64,
     },
     #[error(
         "the lumen at --from ({from_voxels} voxels of level {level}) and the one at --to ({}) are not connected: the first comes no nearer to --to than {gap_mm:.1} mm, at {nearest}; widen --lumen{}",
         count_text(.to_voxels),
-        finer_text(.level)
+        or_enough_text(*.enough_bytes)
     )]
     NotConnected {
         from_voxels: u64,
@@ -57,11 +58,18 @@ pub enum CenterlineError {
         /// The voxel of the first that is nearest to the destination.
         nearest: DVec3,
         gap_mm: f64,
+        /// What surely is enough memory for level 0, where this is not that level.
+        enough_bytes: Option<u64>,
     },
     #[error(
-        "the way found on level {coarse} is not open on level {level}, near {near}: there it leads through a wall thinner than a voxel; give more --memory, so that it is looked for on level {level} at once"
+        "the way found on level {coarse} is not open on level {level}, near {near}: there it leads through a wall thinner than a voxel; {}", enough_text(*.enough_bytes)
     )]
-    Closed { coarse: u8, level: u8, near: DVec3 },
+    Closed {
+        coarse: u8,
+        level: u8,
+        near: DVec3,
+        enough_bytes: u64,
+    },
     #[error(
         "the lumen leaks out of the volume: of {}; narrow --lumen, or set the seeds inside the organ",
         faces_text(.faces)
@@ -82,15 +90,29 @@ pub enum CenterlineError {
     #[error("the way is shorter than a voxel: {0} and the point to fly to are the same place")]
     NoWay(DVec3),
     #[error(
-        "memory: expected at least {least_bytes} bytes, found {found_bytes}; on the coarsest level this lumen needs that much"
+        "--memory: this lumen does not fit {found_bytes} bytes on any level; {}",
+        enough_text(*.enough_bytes)
     )]
-    Memory { least_bytes: u64, found_bytes: u64 },
+    Memory { found_bytes: u64, enough_bytes: u64 },
     #[error("cannot prepare decompression: {0}")]
     Decompression(io::Error),
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
     Path(#[from] CameraPathError),
+}
+
+impl CenterlineError {
+    /// Where to write how much memory is enough for level 0, in errors that coarse voxels are to blame for.
+    pub(super) fn enough_bytes_mut(&mut self) -> Option<&mut u64> {
+        match self {
+            Self::Lost { enough_bytes, .. }
+            | Self::Closed { enough_bytes, .. }
+            | Self::Memory { enough_bytes, .. } => Some(enough_bytes),
+            Self::NotConnected { enough_bytes, .. } => enough_bytes.as_mut(),
+            _ => None,
+        }
+    }
 }
 
 /// A voxel of the lumen.
@@ -121,11 +143,14 @@ fn count_text(voxels: &Option<u64>) -> String {
     }
 }
 
-fn finer_text(level: &u8) -> &'static str {
-    match level {
-        0 => "",
-        _ => ", or give more --memory, so that finer voxels are looked at",
-    }
+/// What helps where coarse voxels don't.
+fn enough_text(bytes: u64) -> String {
+    let mib = bytes.div_ceil(1 << 20);
+    format!("give more --memory: {mib}MiB is enough for all of level 0")
+}
+
+fn or_enough_text(bytes: Option<u64>) -> String {
+    bytes.map_or_else(String::new, |b| format!(", or {}", enough_text(b)))
 }
 
 fn faces_text(faces: &[(&'static str, f64)]) -> String {

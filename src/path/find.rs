@@ -10,13 +10,13 @@ use super::fill::{BYTES_PER_BRICK, Component};
 use super::finer::{Way, finer};
 use super::leak;
 use super::lumen::Lumen;
-use super::region::{Region, working_bytes};
+use super::region::{Region, grown, working_bytes};
 use super::seeds::{middle_near, near_voxel, seed_voxel};
 use super::shortest::{Cost, search};
 use super::smooth::smoothed;
 use super::space::LevelSpace;
 use crate::camera::{CameraPath, CameraPathError, Curve, Flight};
-use crate::geom::{Lod, VoxelBox};
+use crate::geom::{BRICK_EDGE, Lod, VoxelBox};
 use crate::store::Store;
 
 /// The smoothed line stays within this share of what is clear around the ridge.
@@ -104,6 +104,41 @@ pub fn centerline(
     store: &Store,
     request: &CenterlineRequest,
 ) -> Result<Centerline, CenterlineError> {
+    found(store, request).map_err(|mut error| {
+        // Worked out only where it is to be told: it reads all of the index.
+        if let Some(bytes) = error.enough_bytes_mut()
+            && let Ok(enough) = enough_bytes(store, request)
+        {
+            *bytes = enough;
+        }
+        error
+    })
+}
+
+/// Bytes with which all that may be lumen on level 0 surely fits.
+fn enough_bytes(store: &Store, request: &CenterlineRequest) -> Result<u64, CenterlineError> {
+    let lumen = Lumen::new(store, Lod(0), (request.low, request.high))?;
+    let grid = lumen.space.grid;
+    let mut bounds = VoxelBox::new(U64Vec3::MAX, U64Vec3::ZERO);
+    let mut bricks = 0u64;
+    for index in 0..grid.len() {
+        let xyz = grid.xyz(index);
+        if lumen.may_hold(xyz) {
+            let own = grid.brick_box(xyz);
+            bounds = VoxelBox::new(bounds.min.min(own.min), bounds.max.max(own.max));
+            bricks += 1;
+        }
+    }
+    let around = grown(&lumen.space, bounds, U64Vec3::ONE)
+        .voxel_count()
+        .unwrap_or(u64::MAX);
+    let most = bricks.saturating_mul(u64::from(BRICK_EDGE).pow(3));
+    // Bricks beside the lumen are looked at, too.
+    let table = grid.len().saturating_mul(BYTES_PER_BRICK);
+    Ok(working_bytes(around, most.min(around)).saturating_add(table))
+}
+
+fn found(store: &Store, request: &CenterlineRequest) -> Result<Centerline, CenterlineError> {
     let (low, high) = (request.low, request.high);
     // NaN fails the comparison.
     if !(low <= high && low.is_finite() && high.is_finite()) {
@@ -163,6 +198,7 @@ fn whole(store: &Store, request: &CenterlineRequest) -> Result<Whole, Centerline
             seed,
             at,
             level: lod.0,
+            enough_bytes: 0,
         };
         // On level 0 the seeds' own voxels were checked.
         let start = match level {
@@ -203,14 +239,9 @@ fn whole(store: &Store, request: &CenterlineRequest) -> Result<Whole, Centerline
             end,
         });
     }
-    let coarsest = LevelSpace::of(store, Lod(store.levels() as u8 - 1));
-    let all = VoxelBox::whole(coarsest.dims())
-        .voxel_count()
-        .unwrap_or(u64::MAX);
-    let bricks = coarsest.grid.len() * BYTES_PER_BRICK;
     Err(CenterlineError::Memory {
-        least_bytes: working_bytes(all, all).saturating_add(bricks),
         found_bytes: memory,
+        enough_bytes: 0,
     })
 }
 
@@ -236,6 +267,7 @@ fn not_connected(
         level: space.lod.0,
         nearest: space.world(nearest),
         gap_mm,
+        enough_bytes: (space.lod > Lod(0)).then_some(0),
     })
 }
 

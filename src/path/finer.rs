@@ -48,6 +48,7 @@ pub(super) fn finer(
             coarse: coarse_space.lod.0,
             level: space.lod.0,
             near,
+            enough_bytes: 0,
         };
         let points: Vec<DVec3> = piece.iter().map(|p| p.position).collect();
         let most = piece.iter().map(|p| p.radius_mm).fold(0.0, f64::max);

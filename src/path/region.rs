@@ -94,7 +94,7 @@ impl Region {
         Ok(Self::new(lumen.space, voxels, is_open))
     }
 
-    fn new(space: LevelSpace, voxels: VoxelBox, mut is_open: Vec<bool>) -> Self {
+    pub(super) fn new(space: LevelSpace, voxels: VoxelBox, mut is_open: Vec<bool>) -> Self {
         let size = voxels.size().to_array().map(|n| n as usize);
         let specks = open_specks(&mut is_open, size);
         let distance_mm = distances_mm(&is_open, size, space.spacing_mm);

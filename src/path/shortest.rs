@@ -167,3 +167,69 @@ impl Reached<'_> {
         way
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DVec3, U64Vec3};
+
+    use super::*;
+    use crate::geom::{BrickGrid, Lod, VoxelBox};
+    use crate::path::space::LevelSpace;
+
+    fn region(size: [usize; 3], is_open: impl Fn([usize; 3]) -> bool) -> Region {
+        let dims = U64Vec3::from_array(size.map(|n| n as u64));
+        let space = LevelSpace {
+            lod: Lod(0),
+            grid: BrickGrid::for_voxels(dims).unwrap(),
+            world_from_voxel: DAffine3::IDENTITY,
+            voxel_from_world: DAffine3::IDENTITY,
+            spacing_mm: DVec3::ONE,
+        };
+        let n = size.iter().product();
+        let flags = (0..n)
+            .map(|i: usize| is_open([i % size[0], i / size[0] % size[1], i / size[0] / size[1]]));
+        Region::new(space, VoxelBox::whole(dims), flags.collect())
+    }
+
+    /// Half a ring of radius 20 with a section of radius 5, and how far a way in it is from the middle at most.
+    fn farthest_off(cost: Cost) -> f64 {
+        let at =
+            |v: [usize; 3]| DVec3::new(v[0] as f64 - 26.0, v[1] as f64 - 2.0, v[2] as f64 - 6.0);
+        let off = |p: DVec3| (p.truncate().length() - 20.0).hypot(p.z);
+        let ring = region([53, 30, 13], |v| off(at(v)) <= 5.0);
+        let place = |x: u64| ring.index(U64Vec3::new(x, 2, 6)).unwrap();
+        let reached = search(&ring, place(6), Some(place(46)), cost);
+        let way = reached.way_to(place(46));
+        assert!(way.iter().all(|&i| ring.is_open[i]), "the way is open");
+        way.iter()
+            .map(|&i| off(at(ring.xyz(i))))
+            .fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn the_way_keeps_to_the_middle() {
+        let (middle, shortest) = (farthest_off(Cost::Middle), farthest_off(Cost::Length));
+        assert!(middle < 1.5, "{middle} voxels from the middle");
+        // Negative control: the shortest way cuts the bend.
+        assert!(shortest > 3.0, "the shortest way is {shortest} voxels off");
+    }
+
+    #[test]
+    fn no_step_slips_between_walls() {
+        // Two rooms that share an edge.
+        let rooms = region([8, 8, 4], |v| {
+            (1..7).contains(&v[0]) && (1..7).contains(&v[1]) && (v[0] < 4) == (v[1] < 4)
+        });
+        let place = |x: u64| rooms.index(U64Vec3::new(x, x, 1)).unwrap();
+        let reached = search(&rooms, place(2), None, Cost::Middle);
+        assert!(
+            reached.has(place(1)) && !reached.has(place(5)),
+            "one room only"
+        );
+        assert_eq!(
+            reached.way_to(place(3)).len(),
+            2,
+            "over the corner inside it"
+        );
+    }
+}
