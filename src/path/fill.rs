@@ -2,6 +2,7 @@
 //!
 //! Steps over edges and corners would leak through walls that are one voxel thin and oblique.
 
+use std::collections::hash_map::Entry;
 use std::collections::{HashMap, VecDeque};
 
 use glam::{I64Vec3, U64Vec3, UVec3};
@@ -90,18 +91,17 @@ impl Component {
         xyz: UVec3,
     ) -> Result<Option<&mut Filled>, CenterlineError> {
         let index = self.grid.index(xyz);
-        if !self.bricks.contains_key(&index) {
-            let brick = lumen.bits(xyz)?.map(|lumen| {
-                let filled = Box::new([0; ROWS]);
+        let brick = match self.bricks.entry(index) {
+            Entry::Occupied(entry) => entry.into_mut(),
+            Entry::Vacant(entry) => entry.insert(lumen.bits(xyz)?.map(|lumen| {
                 Box::new(Filled {
                     lumen,
-                    filled,
+                    filled: Box::new([0; ROWS]),
                     is_queued: false,
                 })
-            });
-            self.bricks.insert(index, brick);
-        }
-        Ok(self.bricks.get_mut(&index).and_then(|b| b.as_deref_mut()))
+            })),
+        };
+        Ok(brick.as_deref_mut())
     }
 
     /// True when a voxel of the level belongs to it.
@@ -222,17 +222,16 @@ impl Filled {
     /// of row y.
     fn faces(&self) -> [[u32; EDGE]; 6] {
         let mut faces = [[0; EDGE]; 6];
-        for z in 0..EDGE {
-            for y in 0..EDGE {
-                let row = self.filled[z * EDGE + y];
+        for (z, rows) in self.filled.chunks_exact(EDGE).enumerate() {
+            for (y, &row) in rows.iter().enumerate() {
                 faces[0][z] |= (row & 1) << y;
                 faces[1][z] |= (row >> (EDGE - 1)) << y;
             }
-            faces[2][z] = self.filled[z * EDGE];
-            faces[3][z] = self.filled[z * EDGE + EDGE - 1];
-            faces[4][z] = self.filled[z];
-            faces[5][z] = self.filled[(EDGE - 1) * EDGE + z];
+            faces[2][z] = rows[0];
+            faces[3][z] = rows[EDGE - 1];
         }
+        faces[4].copy_from_slice(&self.filled[..EDGE]);
+        faces[5].copy_from_slice(&self.filled[ROWS - EDGE..]);
         faces
     }
 

@@ -151,7 +151,7 @@ impl Region {
 
     /// Distance to the wall at any point, trilinear between voxel centres, mm; outside the box that of its border.
     pub(super) fn distance_at(&self, world: DVec3) -> f64 {
-        let p = self.from_corner(world);
+        let p = self.in_box(world);
         let base = p.floor();
         let f = p - base;
         let n = self.size;
@@ -176,7 +176,7 @@ impl Region {
         if d > 3.0 * spacing.max_element() {
             return far;
         }
-        let p = self.from_corner(world);
+        let p = self.in_box(world);
         let reach = (DVec3::splat(d + self.space.half_diagonal_mm()) / spacing).ceil() + 1.0;
         let (low, high) = ((p - reach).max(DVec3::ZERO), p + reach);
         let span =
@@ -198,7 +198,7 @@ impl Region {
     }
 
     /// Continuous index from the box's corner, clamped to the box.
-    fn from_corner(&self, world: DVec3) -> DVec3 {
+    fn in_box(&self, world: DVec3) -> DVec3 {
         let p = self.space.voxel_from_world.transform_point3(world) - self.voxels.min.as_dvec3();
         let last = DVec3::from_array(self.size.map(|n| n as f64 - 1.0));
         p.clamp(DVec3::ZERO, last)
