@@ -184,7 +184,7 @@ fn helix_tube(noisy: bool) -> (MemorySource, Vec<DVec3>) {
                     .iter()
                     .map(|t| t.distance(p))
                     .fold(f64::INFINITY, f64::min);
-                let speck = noisy && d < 4.0 && noise.next().unwrap() % 50 == 0;
+                let speck = noisy && d < 4.0 && noise.next().unwrap().is_multiple_of(50);
                 bytes.push(if d <= 5.0 && !speck { 100 } else { 10 });
             }
         }
