@@ -309,7 +309,7 @@ fn every_technique_cuts_alike() {
     let mut tight = scenes::gpu(
         &store,
         EngineOptions {
-            gpu_memory_bytes: Some(7 << 20),
+            max_slots: Some(10),
             ..EngineOptions::default()
         },
     );

@@ -16,11 +16,13 @@ mod scenes;
 
 use std::path::Path;
 use std::process::Command;
+use std::sync::Arc;
 
-use brickscope::camera::Camera;
+use brickscope::camera::{Camera, Projection};
+use brickscope::clip::{ClipMesh, CutFaces, Geometry, Plane, Side, SurfaceMesh, TriangleMesh};
 use brickscope::engine::EngineOptions;
 use brickscope::scene::{PictureSettings, volume_bounds};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use scenes::{gpu, inside, looks, phantom};
 
 /// The driver's cache, which only a process that begins with it uses.
@@ -78,7 +80,37 @@ fn draw_every_look() {
     let meta = store.store.meta();
     let bounds = volume_bounds(meta.dims, &meta.world_from_index);
     let mut engine = gpu(&store, EngineOptions::default());
-    for (look, s) in looks(&store.store) {
+    let ball = |off: DVec3| {
+        let mesh = TriangleMesh::sphere(bounds.center + off, 0.4 * bounds.radius, 2);
+        Arc::new(mesh.expect("a sphere"))
+    };
+    let geometry = Arc::new(Geometry {
+        planes: vec![Plane::new(DVec3::X, -bounds.center.x).expect("a plane")],
+        clip_meshes: vec![ClipMesh {
+            mesh: ball(DVec3::ZERO),
+            side: Side::Outside,
+        }],
+        surfaces: vec![SurfaceMesh {
+            mesh: ball(DVec3::Y * 20.0),
+            color: Vec3::X,
+            opacity: 0.5,
+        }],
+        faces: CutFaces {
+            are_capped: true,
+            have_normals: true,
+        },
+    });
+    let mut all = looks(&store.store);
+    for (look, s) in all.clone() {
+        if look == "dvr" || look == "iso" {
+            let mut cut = s;
+            cut.geometry = Arc::clone(&geometry);
+            all.push((look, cut.clone()));
+            cut.camera.projection = Projection::Fisheye;
+            all.push((look, cut));
+        }
+    }
+    for (look, s) in all {
         for n in 0..count {
             let turn = f64::from(n);
             let camera = if n % 2 == 0 {
@@ -87,6 +119,10 @@ fn draw_every_look() {
             } else {
                 let place = DVec3::new(0.1 * turn, 0.5, 0.4);
                 inside(&store.store, place, DVec3::new(0.3, 0.2, -0.5 + 0.1 * turn))
+            };
+            let camera = Camera {
+                projection: s.camera.projection,
+                ..camera
             };
             let s = PictureSettings {
                 camera,

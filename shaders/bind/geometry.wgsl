@@ -11,5 +11,6 @@
 // Per pixel of the tile, or of the faces of the cube: number of the first crossing of its list, plus 1; 0 where there is none.
 @group(1) @binding(5) var<storage, read_write> crossing_heads: array<atomic<u32>>;
 @group(1) @binding(6) var<storage, read_write> crossings: array<Crossing>;
-// Crossings and records so far, also those for which there was no room.
-@group(1) @binding(7) var<storage, read_write> part_totals: array<atomic<u32>, 2>;
+// PARTS_*: crossings and records so far, also those for which there was no room; and what the host orders. That is not in the
+// uniforms, for the reason that lib/cast.wgsl gives.
+@group(1) @binding(7) var<storage, read_write> part_words: array<atomic<u32>, PARTS_WORDS>;

@@ -146,18 +146,13 @@ struct GeometryUniforms {
     // Clip space from a position as the meshes have it, cropped to the tile; reversed depth. Panoramas: of each face of a cube
     // around the eye.
     clip_from_mesh: array<mat4x4f, 6>,
-    // Half spaces, meshes that cut, and the number of the first triangle that is drawn.
-    planes: u32,
-    clip_meshes: u32,
+    // Number of the first triangle that is drawn.
     first_drawn: u32,
     // How many crossings and how many records there is room for.
     most_crossings: u32,
     most_records: u32,
-    // Triangles of all meshes; none is looked for where there are none.
-    triangles: u32,
     // Pixels along an edge of the cube.
     cube_edge: u32,
-    pad0: u32,
 }
 
 // A mesh that cuts or is drawn.

@@ -34,7 +34,7 @@ fn crossings_fragment(vertex: CrossingVertex, @builtin(front_facing) enters: boo
         is_inside = true;
     }
     if is_inside {
-        let place = atomicAdd(&part_totals[0], 1u);
+        let place = atomicAdd(&part_words[PARTS_CROSSINGS], 1u);
         if place < geometry.most_crossings {
             let next = atomicExchange(&crossing_heads[head], place + 1u);
             let mesh = vertex.mesh | select(0u, CROSSING_ENTERS, enters);

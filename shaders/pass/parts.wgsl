@@ -86,7 +86,8 @@ fn parts_ray(pixel: vec2u) -> WorldRay {
 // What all half spaces keep of a ray.
 fn parts_keep(ray: WorldRay, parts: ptr<function, Parts>) {
     var kept = vec2f(ray.near_mm, 1e30);
-    for (var k = 0u; k < geometry.planes; k++) {
+    let planes = atomicLoad(&part_words[PARTS_PLANES]);
+    for (var k = 0u; k < planes; k++) {
         let plane = half_spaces[k];
         let distance = dot(plane.xyz, ray.origin) + plane.w;
         let slope = dot(plane.xyz, ray.direction);
@@ -125,7 +126,8 @@ fn parts_before(a: CrossingKey, b: CrossingKey) -> bool {
 }
 
 fn parts_is_kept(windings: ptr<function, array<i32, MOST_CLIP_MESHES>>) -> bool {
-    for (var k = 0u; k < geometry.clip_meshes; k++) {
+    let clip_meshes = atomicLoad(&part_words[PARTS_CLIP_MESHES]);
+    for (var k = 0u; k < clip_meshes; k++) {
         if ((*windings)[k] != 0) != (meshes[k].kind == MESH_INSIDE) {
             return false;
         }
@@ -190,8 +192,9 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let ray = parts_ray(frame.tile_origin + id.xy);
+    let clip_meshes = atomicLoad(&part_words[PARTS_CLIP_MESHES]);
     var head = 0u;
-    if geometry.triangles > 0u {
+    if atomicLoad(&part_words[PARTS_TRIANGLES]) > 0u {
         head = atomicLoad(&crossing_heads[ray.head]);
     }
     var windings: array<i32, MOST_CLIP_MESHES>;
@@ -202,7 +205,7 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
         let crossing = crossings[node - 1u];
         let key = parts_key(ray, crossing);
         let mesh = crossing.mesh & ~CROSSING_ENTERS;
-        if mesh < geometry.clip_meshes {
+        if mesh < clip_meshes {
             windings[mesh] -= select(-1, 1, (crossing.mesh & CROSSING_ENTERS) != 0u);
         } else if meshes[mesh].color.a >= 1.0 && parts_before(key, wall) {
             wall = key;
@@ -220,7 +223,7 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
 
     var parts: Parts;
     // A layer behind what half spaces keep takes two records.
-    parts.base = atomicAdd(&part_totals[1], 2u * count + 1u);
+    parts.base = atomicAdd(&part_words[PARTS_RECORDS], 2u * count + 1u);
     parts_keep(ray, &parts);
     parts.begin_mm = ray.near_mm;
     var is_kept = parts_is_kept(&windings);
@@ -256,7 +259,7 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
         for (var k = 0u; k < sorted; k++) {
             let key = keys[k];
             let mesh = key.mesh & ~CROSSING_ENTERS;
-            if mesh < geometry.clip_meshes {
+            if mesh < clip_meshes {
                 windings[mesh] += select(-1, 1, (key.mesh & CROSSING_ENTERS) != 0u);
                 let keeps = parts_is_kept(&windings);
                 if is_kept && !keeps {

@@ -145,14 +145,10 @@ shared! {
     GeometryUniforms as GEOMETRY_UNIFORMS {
         origin: [[f32; 4]; 3],
         clip_from_mesh: [[[f32; 4]; 4]; 6],
-        planes: u32,
-        clip_meshes: u32,
         first_drawn: u32,
         most_crossings: u32,
         most_records: u32,
-        triangles: u32,
         cube_edge: u32,
-        pad0: u32,
     }
 }
 
@@ -313,6 +309,18 @@ constants! {
     MESH_DRAWN = 2;
     /// Bit of `Crossing::mesh`: the ray comes from the side that the triangle faces.
     CROSSING_ENTERS = 1 << 31;
+    /// Word of the passes that cut rays to parts: crossings so far.
+    PARTS_CROSSINGS = 0;
+    /// Word of these passes: records so far.
+    PARTS_RECORDS = 1;
+    /// Word of these passes, ordered by the host: half spaces.
+    PARTS_PLANES = 2;
+    /// Word of these passes, ordered by the host: meshes that cut.
+    PARTS_CLIP_MESHES = 3;
+    /// Word of these passes, ordered by the host: triangles of all meshes.
+    PARTS_TRIANGLES = 4;
+    /// How many words these are.
+    PARTS_WORDS = 5;
     /// Records of parts in a row of their texture.
     PART_RECORDS_WIDE = 2048;
     /// Most work-groups of a tile.

@@ -9,7 +9,10 @@ use super::targets::PartsShape;
 use crate::camera::Projection;
 use crate::clip::{Geometry, Side, TriangleMesh};
 use crate::geom::Aabb;
-use crate::gpu::layout::{GeometryUniforms, MESH_DRAWN, MESH_INSIDE, MESH_OUTSIDE, MeshRecord};
+use crate::gpu::layout::{
+    GeometryUniforms, MESH_DRAWN, MESH_INSIDE, MESH_OUTSIDE, MeshRecord, PARTS_CLIP_MESHES,
+    PARTS_PLANES, PARTS_TRIANGLES, PARTS_WORDS,
+};
 use crate::gpu::{GpuContext, GpuError};
 use crate::render::frame::{Tile, clip_from_world, clip_from_world_of_cube, padded};
 use crate::scene::RayFrame;
@@ -160,6 +163,15 @@ impl GeometryBuffers {
         buffers.into_iter().map(wgpu::Buffer::size).sum()
     }
 
+    /// What the host orders, and nothing counted yet (`PARTS_*`).
+    pub(super) fn words(&self) -> [u32; PARTS_WORDS as usize] {
+        let mut words = [0; PARTS_WORDS as usize];
+        words[PARTS_PLANES as usize] = self.of.planes.len() as u32;
+        words[PARTS_CLIP_MESHES as usize] = self.of.clip_meshes.len() as u32;
+        words[PARTS_TRIANGLES as usize] = self.triangles;
+        words
+    }
+
     pub(super) fn uniforms(
         &self,
         rays: &RayFrame,
@@ -185,13 +197,9 @@ impl GeometryBuffers {
             clip_from_mesh: clip_from_world
                 .map(|clip| (clip * world_from_mesh).as_mat4().to_cols_array_2d()),
             cube_edge: shape.cube_edge,
-            planes: self.of.planes.len() as u32,
-            clip_meshes: self.of.clip_meshes.len() as u32,
             first_drawn: self.first_drawn,
             most_crossings: shape.crossings as u32,
             most_records: shape.records as u32,
-            triangles: self.triangles,
-            ..GeometryUniforms::default()
         }
     }
 

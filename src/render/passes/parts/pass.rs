@@ -143,7 +143,7 @@ impl Pipelines {
             &geometry.corners,
             &targets.heads,
             &targets.crossings,
-            &targets.totals,
+            &targets.words,
         ];
         let entries: Vec<_> = (0..)
             .zip(buffers)
@@ -282,6 +282,8 @@ impl PartsPass {
             let uniforms = geometry.uniforms(rays, tile, &targets.shape);
             gpu.queue
                 .write_buffer(&geometry.uniforms, 0, bytemuck::bytes_of(&uniforms));
+            gpu.queue
+                .write_buffer(&targets.words, 0, bytemuck::bytes_of(&geometry.words()));
             let groups = pipelines.groups(gpu, geometry, targets);
             let mut encoder = gpu
                 .device
@@ -302,7 +304,7 @@ impl PartsPass {
             if geometry.triangles == 0 {
                 return Ok(());
             }
-            let [totals] = read_buffers(gpu, [(&targets.totals, 0, 8)])?;
+            let [totals] = read_buffers(gpu, [(&targets.words, 0, 8)])?;
             let [crossings, records] = [&totals[..4], &totals[4..]]
                 .map(|word| u64::from(bytemuck::pod_read_unaligned::<u32>(word)));
             let shape = targets.shape;
@@ -341,7 +343,6 @@ fn record(
     tile: &Tile,
     timer: &mut PassTimer,
 ) {
-    encoder.clear_buffer(&targets.totals, 0, None);
     if geometry.triangles > 0 {
         encoder.clear_buffer(&targets.heads, 0, None);
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {

@@ -2,7 +2,7 @@
 
 use crate::clip::Geometry;
 use crate::gpu::GpuContext;
-use crate::gpu::layout::{Crossing, PART_RECORDS_WIDE};
+use crate::gpu::layout::{Crossing, PART_RECORDS_WIDE, PARTS_WORDS};
 use crate::scene::RayFrame;
 
 /// Bytes of a texel of a record.
@@ -119,7 +119,7 @@ pub(super) struct PartsTargets {
     pub(super) color: wgpu::TextureView,
     pub(super) heads: wgpu::Buffer,
     pub(super) crossings: wgpu::Buffer,
-    pub(super) totals: wgpu::Buffer,
+    pub(super) words: wgpu::Buffer,
     pub(super) lists: wgpu::TextureView,
     pub(super) records: wgpu::TextureView,
     /// Group 3 of the caster.
@@ -182,7 +182,7 @@ impl PartsTargets {
                 "parts.crossings",
                 shape.crossings.max(1) * size_of::<Crossing>() as u64,
             ),
-            totals: buffer("parts.totals", 8),
+            words: buffer("parts.words", u64::from(PARTS_WORDS) * 4),
             group: cast_group(gpu, layout, &lists, &records_view),
             lists,
             records: records_view,

@@ -5,7 +5,7 @@
 //! turns in one run; samples per frame; and, of the first frame of a fresh engine, the bricks that were loaded. Does not
 //! measure: reading mesh files, the compilation of pipelines.
 //!
-//! `cargo bench --bench cutting -- STORE.bsk [--frames N] [--size N] [--mode dvr|iso] [--iso VALUE]`
+//! `cargo bench --bench geometry -- STORE.bsk [--frames N] [--size N] [--mode dvr|iso] [--iso VALUE]`
 
 #[cfg(not(feature = "gpu"))]
 fn main() {
