@@ -5,8 +5,8 @@
 //!                                                                            ─ axis, smooth ─▶ Centerline ─▶ CameraPath
 //! ```
 //! `find` does it on the finest level whose working memory fits, then again along what was found on the finer ones
-//! (`finer`). All lengths are world millimetres, whatever the voxels' spacing and orientation. Not here: pictures, GPU,
-//! segmentation beyond a range of values.
+//! (`finer`). All lengths are world millimetres, whatever the voxels' spacing and orientation. [`Walls`]
+//! keeps a camera inside that is moved by hand. Not here: pictures, GPU, segmentation beyond a range of values.
 
 mod axis;
 mod distance;
@@ -22,8 +22,10 @@ mod shortest;
 mod smooth;
 mod space;
 mod specks;
+mod walls;
 
 pub use axis::AxisPoint;
 pub use distance::distances_mm;
 pub use error::{CenterlineError, NearestLumen};
 pub use find::{Centerline, CenterlineRequest, Destination, centerline};
+pub use walls::Walls;
