@@ -312,6 +312,7 @@ fn marks_go_across_tiles() {
                 width: (to - from) as u32,
                 height: 24,
                 pixels: rows.flat_map(|row| row[from..to].to_vec()).collect(),
+                depths: None,
             };
             let moved = move |[x, y]: [u32; 2]| [x + from as u32, y];
             marked(&part, threshold).into_iter().map(moved)

@@ -159,6 +159,7 @@ impl Run {
             width: size,
             height: size,
             pixels: bytemuck::pod_collect_to_vec::<u8, Vec4>(&bytes),
+            depths: None,
         };
         let rgba = image.to_rgba8(Background::Color(Vec3::ZERO));
         let path = folder.join(name).with_extension("png");

@@ -153,5 +153,7 @@ fn part_cap(caster: ptr<function, Cast>, mode: ptr<function, Mode>) -> bool {
         color = shade_phong(color, part.face, (*caster).ray.direction);
     }
     (*caster).contributing += 1u;
-    return mode_meet(mode, vec4f(color, 1.0));
+    let ends = mode_meet(mode, vec4f(color, 1.0));
+    cast_note(caster, part.begin, true, ends);
+    return ends;
 }

@@ -123,6 +123,9 @@ struct PixelCounts {
     samples: u32,
     skipped: u32,
     contributing: u32,
+    // With DEPTHS: distances from the eye of what it met first and of what ended it, mm; 0 where there is none.
+    first_mm: f32,
+    end_mm: f32,
 }
 
 // Where a ray stands between two dispatches.

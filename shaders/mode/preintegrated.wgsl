@@ -72,6 +72,7 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     (*caster).contributing += u32(segment.a > 0.0);
     (*mode).event = (*mode).sum.a >= frame.opacity_cutoff;
     (*mode).ended = (*mode).event;
+    cast_note(caster, f32(i), segment.a > 0.0, (*mode).event);
 }
 
 fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {

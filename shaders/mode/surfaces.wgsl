@@ -111,6 +111,7 @@ fn mode_resolve(mode: ptr<function, Mode>, caster: ptr<function, Cast>, next: i3
         sum += vec4f(color, 1.0) * ((1.0 - sum.a) * select(0.0, frame.surface_colors[k].a, shows));
         met += 1u;
         seen += u32(shows);
+        cast_note(caster, surface.index, shows, sum.a >= frame.opacity_cutoff);
         if ONE_OPAQUE || !hit || met >= count || sum.a >= frame.opacity_cutoff {
             break;
         }

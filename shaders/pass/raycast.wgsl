@@ -34,6 +34,9 @@ override DRAFT: bool = false;
 // In a DRAFT: rays start where the frame before allows it, and tell the next one.
 override LEAP: bool = false;
 
+// It is told how far rays went.
+override DEPTHS: bool = false;
+
 // The point of a ray that meets nothing: farther than anything, mm.
 const LEAP_NOTHING: f32 = 1e30;
 
@@ -71,6 +74,19 @@ struct Cast {
     paused: bool,
     // A layer has ended the ray.
     ended: bool,
+    // With DEPTHS: distances of what it met first in this dispatch, and of what ended it, mm; 0 where there is none.
+    first_mm: f32,
+    end_mm: f32,
+}
+
+// Something is met at `index`, which may end the ray.
+fn cast_note(caster: ptr<function, Cast>, index: f32, is_met: bool, ends: bool) {
+    if !DEPTHS {
+        return;
+    }
+    let at_mm = (*caster).ray.first_mm + index * (*caster).ray.step_mm;
+    (*caster).first_mm = select((*caster).first_mm, at_mm, is_met && (*caster).first_mm == 0.0);
+    (*caster).end_mm = select((*caster).end_mm, at_mm, is_met && ends);
 }
 
 fn cast_interval(caster: Cast) -> vec2f {
@@ -152,8 +168,11 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>, mode: p
         var level = (*caster).ray.grid.level;
         let is_last_level = !MANY_LEVELS || level + 1u >= frame.used_levels;
         if cast_part_is_done(*caster, is_last_level) {
-            if (*caster).part.layer.a > 0.0 && mode_meet(mode, (*caster).part.layer) {
-                (*caster).ended = true;
+            if (*caster).part.layer.a > 0.0 {
+                (*caster).ended = mode_meet(mode, (*caster).part.layer);
+                cast_note(caster, (*caster).part.end, true, (*caster).ended);
+            }
+            if (*caster).ended {
                 break;
             }
             (*caster).part.number += 1u;
@@ -274,6 +293,11 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     counts[caster.at].samples += caster.samples;
     counts[caster.at].skipped += skipped;
     counts[caster.at].contributing += caster.contributing;
+    if DEPTHS {
+        let known_mm = counts[caster.at].first_mm;
+        counts[caster.at].first_mm = select(known_mm, caster.first_mm, known_mm == 0.0);
+        counts[caster.at].end_mm = caster.end_mm;
+    }
     if LEAP {
         textureStore(leap_points, caster.pixel, vec4f(caster.empty_mm));
     }

@@ -454,6 +454,7 @@ impl LookArgs {
                 TechniqueArg::Layers => Technique::Layers,
                 TechniqueArg::Slab => Technique::Slab,
             },
+            depths: false,
             geometry: self.geometry.geometry()?,
             camera: self.aimed(camera)?,
         })

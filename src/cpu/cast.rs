@@ -27,6 +27,8 @@ pub(super) struct Scene<'a> {
     pub(super) intervals: &'a [Intervals],
     /// Is something skipped?
     pub(super) skips: bool,
+    /// Is it told how far rays went?
+    pub(super) depths: bool,
     pub(super) geometry: &'a Geometry,
     /// What the meshes of the geometry are lit by, the volume or not.
     pub(super) shading: &'a Shading,
@@ -61,7 +63,7 @@ impl<'a> Scene<'a> {
 /// Premultiplied colour and opacity, per lane.
 pub(super) type Colors = [PerLane<f32>; 4];
 
-/// Draws a packet. `fields`: one per level that is sampled.
+/// Draws a packet: its colours, and where they are told its depths. `fields`: one per level that is sampled.
 #[inline(always)]
 pub(super) fn cast<L: Lanes, K: VoxelKind>(
     l: L,
@@ -69,7 +71,7 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
     fields: &mut [Field<'_, '_, L>],
     packet: Packet<L>,
     counts: &mut RayCounts,
-) -> Colors {
+) -> (Colors, [PerLane<f32>; 2]) {
     let mut caster = Caster {
         l,
         scene,
@@ -79,6 +81,12 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
         samples: l.i(0),
         passed: l.i(0),
         contributing: l.i(0),
+        depths: Depths {
+            is_told: scene.depths,
+            first_mm: packet.first_mm,
+            first: l.f(f32::INFINITY),
+            end: l.f(f32::INFINITY),
+        },
     };
     let color = match scene.mode {
         Mode::Iso => caster.surfaces::<K>(),
@@ -94,7 +102,9 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
         contributing: sum(l, caster.contributing),
     };
     let [r, g, b, a] = color;
-    [l.store_f(r), l.store_f(g), l.store_f(b), l.store_f(a)]
+    let Depths { first, end, .. } = caster.depths;
+    let colors = [l.store_f(r), l.store_f(g), l.store_f(b), l.store_f(a)];
+    (colors, [l.store_f(first), l.store_f(end)])
 }
 
 /// A packet on its way.
@@ -109,12 +119,42 @@ pub(super) struct Caster<'s, 'f, 'n, 'a, L: Lanes> {
     pub(super) samples: L::I,
     pub(super) passed: L::I,
     pub(super) contributing: L::I,
+    pub(super) depths: Depths<L>,
 }
 
 impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
     /// The samples of level number `n` that the packet's rays may have to take.
     pub(super) fn interval(&self, n: usize) -> Interval {
         self.scene.intervals[n].around(self.packet.cells())
+    }
+}
+
+/// How far rays went.
+#[derive(Clone, Copy)]
+pub(super) struct Depths<L: Lanes> {
+    /// Does anyone ask?
+    pub(super) is_told: bool,
+    /// Distances of samples 0, mm.
+    first_mm: L::F,
+    /// Distances of what they met first and of what ended them, mm; infinite where nothing did.
+    first: L::F,
+    end: L::F,
+}
+
+impl<L: Lanes> Depths<L> {
+    /// The lanes `met` meet something at sample `index` of a level, which ends those of `ended`.
+    #[inline(always)]
+    pub(super) fn note(&mut self, l: L, step_mm: f32, index: L::F, met: L::M, ended: L::M) {
+        if self.is_told {
+            self.note_mm(l, self.first_mm + index * l.f(step_mm), met, ended);
+        }
+    }
+
+    /// The same at a distance.
+    #[inline(always)]
+    pub(super) fn note_mm(&mut self, l: L, at_mm: L::F, met: L::M, ended: L::M) {
+        self.first = l.pick(met, l.min(self.first, at_mm), self.first);
+        self.end = l.pick(met & ended, at_mm, self.end);
     }
 }
 

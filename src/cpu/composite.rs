@@ -72,6 +72,8 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                         add_one(l, &mut self.contributing, seen);
                         sum.add(l, seen, color, opacity);
                         let opaque = sum.opaque(l, seen, scene.opacity_cutoff);
+                        self.depths
+                            .note(l, level.step_mm, l.f(span.index as f32), seen, opaque);
                         if l.any(opaque) {
                             let passed = span.count_to(l, l.i(span.index));
                             add(l, &mut self.passed, opaque, passed);
@@ -84,7 +86,9 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                 let passed = span.count_to(l, last);
                 add(l, &mut self.passed, alive, passed);
             }
+            let before = alive;
             alive = sum.meet(l, part, alive, scene.opacity_cutoff);
+            self.note_layers(part, before, alive);
         }
         sum.0
     }

@@ -309,6 +309,19 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         }
         add_one(l, &mut self.contributing, shows);
         sum.add(l, shows, color, l.f(1.0));
+        self.depths.note(l, level.step_mm, begin, shows, shows);
         alive & !shows
+    }
+}
+
+impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
+    /// The layers behind `part` are met by the lanes `before`, of which `after` go on.
+    #[inline(always)]
+    pub(super) fn note_layers(&mut self, part: &PacketPart, before: L::M, after: L::M) {
+        let l = self.l;
+        if self.depths.is_told && part.has_layer != 0 {
+            let met = before & l.mask(part.has_layer);
+            self.depths.note_mm(l, l.load_f(&part.end_mm), met, !after);
+        }
     }
 }

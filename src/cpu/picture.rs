@@ -12,14 +12,14 @@ use super::field::{Field, VoxelKind, with_voxel_kind};
 use super::intervals::Intervals;
 use super::light::Light;
 use super::rays::Packet;
-use super::simd::{InstructionSet, Kernel, Lanes};
+use super::simd::{InstructionSet, Kernel, Lanes, PerLane};
 use super::skip::Seen;
 use super::surfaces::SurfaceTable;
 use super::table::{SegmentTable, Table};
 use crate::geom::Lod;
 use crate::scene::{
-    AntiAliasing, Classified, Extreme, Image, Mode, PictureSettings, RayCounts, RayFrame, RaySet,
-    ShadingModel, Technique, add_ray,
+    AntiAliasing, Classified, Extreme, Image, Mode, NO_DEPTHS, PictureSettings, RayCounts,
+    RayFrame, RaySet, ShadingModel, Technique, add_ray,
 };
 use crate::store::{Store, StoreError};
 
@@ -74,7 +74,7 @@ impl CpuPicture {
     /// Nothing is drawn yet.
     pub fn new(frame: RayFrame, classified: Classified, settings: PictureSettings) -> Self {
         Self {
-            image: Image::clear(frame.size),
+            image: Image::for_settings(&settings),
             counts: RayCounts::default(),
             rays: 0,
             set: RaySet::first(settings.anti_aliasing),
@@ -148,7 +148,11 @@ impl CpuPicture {
             let part = Part::new(&self.set, size, self.next_part);
             for (n, color) in drawn.colors.iter().enumerate() {
                 let [x, y] = part.pixel(n);
-                self.image.pixels[y as usize * size[0] as usize + x as usize] = *color;
+                let at = y as usize * size[0] as usize + x as usize;
+                self.image.pixels[at] = *color;
+                if let Some(&depths) = drawn.depths.get(n) {
+                    self.image.note_depths(at, depths);
+                }
             }
             self.counts += drawn.counts;
             self.rays += (drawn.colors.len() * self.set.places.len()) as u64;
@@ -298,6 +302,7 @@ fn scene_of(picture: &CpuPicture) -> Scene<'_> {
             .collect(),
         intervals: picture.intervals.as_deref().unwrap_or_default(),
         skips: settings.technique != Technique::Basic,
+        depths: settings.depths,
         geometry: &settings.geometry,
         shading: &settings.shading,
         light: match settings.shading.model {
@@ -418,6 +423,8 @@ fn first_of_packet<L: Lanes>(width: u32, packet: usize) -> [u32; 2] {
 struct Drawn {
     /// In the order of its pixels.
     colors: Vec<Vec4>,
+    /// The same, where they are told; else empty.
+    depths: Vec<[f32; 2]>,
     counts: RayCounts,
 }
 
@@ -438,6 +445,11 @@ impl<K: VoxelKind> Kernel for DrawPart<'_, '_, '_, K> {
         let (part, frame) = (self.part, self.scene.frame);
         let mut drawn = Drawn {
             colors: vec![Vec4::ZERO; part.len()],
+            depths: if self.scene.depths {
+                vec![NO_DEPTHS; part.len()]
+            } else {
+                Vec::new()
+            },
             counts: RayCounts::default(),
         };
         let mut fields = Vec::with_capacity(self.near.len());
@@ -447,12 +459,15 @@ impl<K: VoxelKind> Kernel for DrawPart<'_, '_, '_, K> {
         for packet in 0..part.packets::<L>() {
             for (number, &place) in self.places.iter().enumerate() {
                 let rays = part.packet(l, frame, packet, place);
-                let colors: Colors =
+                let (colors, depths): (Colors, [PerLane<f32>; 2]) =
                     cast::<L, K>(l, self.scene, &mut fields, rays, &mut drawn.counts);
                 for lane in 0..L::WIDTH {
                     if let Some(n) = part.number::<L>(packet, lane) {
                         let color = Vec4::from_array(colors.map(|c| c[lane]));
                         add_ray(&mut drawn.colors[n], color, number, self.places.len());
+                        if let Some(known) = drawn.depths.get_mut(n) {
+                            *known = [0, 1].map(|k| known[k].min(depths[k][lane]));
+                        }
                     }
                 }
             }

@@ -70,7 +70,9 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                 let passed = span.count_to(l, last);
                 add(l, &mut self.passed, all, passed);
             }
+            let before = all;
             all = backdrop.meet(l, part, all, scene.opacity_cutoff);
+            self.note_layers(part, before, all);
         }
         let projected = self.classified(greatest * sign, has_samples);
         backdrop.around(l, projected)
@@ -108,7 +110,9 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                     add(l, of, all, count);
                 }
             }
+            let before = all;
             all = backdrop.meet(l, part, all, scene.opacity_cutoff);
+            self.note_layers(part, before, all);
         }
         let has_samples = l.gt(weights, zero);
         let projected = self.classified(sum / l.pick(has_samples, weights, l.f(1.0)), has_samples);

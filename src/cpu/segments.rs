@@ -84,6 +84,13 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                             let opacity = between.opacity(l, span.index - 1, opacity);
                             sum.add(l, seen, color, opacity);
                             let opaque = sum.opaque(l, seen, scene.opacity_cutoff);
+                            self.depths.note(
+                                l,
+                                level.step_mm,
+                                l.f(span.index as f32),
+                                seen,
+                                opaque,
+                            );
                             if l.any(opaque) {
                                 let passed = span.count_to(l, index);
                                 add(l, &mut self.passed, opaque, passed);
@@ -104,7 +111,9 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                 let passed = span.count_to(l, rays.last);
                 add(l, &mut self.passed, alive, passed);
             }
+            let before = alive;
             alive = sum.meet(l, part, alive, scene.opacity_cutoff);
+            self.note_layers(part, before, alive);
         }
         sum.0
     }

@@ -98,6 +98,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                         add_one(l, &mut self.contributing, shows);
                         sum.add(l, shows, color, opacity);
                         let opaque = sum.opaque(l, shows, scene.opacity_cutoff);
+                        self.depths.note(l, level.step_mm, at, shows, opaque);
                         if l.any(opaque) {
                             let passed = span.count_to(l, l.i(span.index));
                             add(l, &mut self.passed, opaque, passed);
@@ -120,7 +121,9 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
                 let passed = span.count_to(l, last);
                 add(l, &mut self.passed, alive, passed);
             }
+            let before = alive;
             alive = sum.meet(l, part, alive, scene.opacity_cutoff);
+            self.note_layers(part, before, alive);
         }
         sum.0
     }

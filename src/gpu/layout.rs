@@ -124,6 +124,8 @@ shared! {
         samples: u32,
         skipped: u32,
         contributing: u32,
+        first_mm: f32,
+        end_mm: f32,
     }
 }
 

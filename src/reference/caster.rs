@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use super::field::VoxelField;
 use super::modes::Caster;
 use crate::scene::{
-    Classified, Contribution, Image, LevelFrame, PartSamples, PictureSettings, RayCounts, RayFrame,
-    RaySet, add_ray, ray_parts,
+    Classified, Contribution, Image, LevelFrame, NO_DEPTHS, PartSamples, PictureSettings,
+    RayCounts, RayFrame, RaySet, add_ray, ray_parts,
 };
 use crate::store::StoreError;
 
@@ -42,7 +42,7 @@ pub fn render(
     settings: &PictureSettings,
 ) -> Result<ReferencePicture, StoreError> {
     let mut picture = ReferencePicture {
-        image: Image::clear(frame.size),
+        image: Image::for_settings(settings),
         rays: 0,
         counts: RayCounts::default(),
         bricks_read: 0,
@@ -82,7 +82,8 @@ fn add_rays(
         })
         .collect();
     let count = set.pixel_count(frame.size) as usize;
-    let parts: Result<Vec<(Vec<Vec4>, RayCounts)>, StoreError> = (0..count.div_ceil(AT_ONCE))
+    let parts: Result<Vec<(Vec<(Vec4, [f32; 2])>, RayCounts)>, StoreError> = (0..count
+        .div_ceil(AT_ONCE))
         .into_par_iter()
         .map_init(
             || fields.iter().map(VoxelField::reader).collect::<Vec<_>>(),
@@ -92,13 +93,15 @@ fn add_rays(
                 let mut counts = RayCounts::default();
                 for [x, y] in numbers.map(pixel) {
                     let mut color = Vec4::ZERO;
+                    let mut depths = NO_DEPTHS;
                     for (number, frame) in frames.iter().enumerate() {
                         let mut caster = Caster::new(readers, settings, classified);
                         cast(&mut caster, frame, settings, x, y);
                         add_ray(&mut color, caster.finish(), number, frames.len());
+                        depths = [0, 1].map(|n| caster.depths[n].min(depths[n]));
                         counts += caster.counts;
                     }
-                    colors.push(color);
+                    colors.push((color, depths));
                 }
                 match readers.iter_mut().find_map(|r| r.error.take()) {
                     Some(error) => Err(error),
@@ -110,8 +113,10 @@ fn add_rays(
     let mut numbers = 0..count;
     for (colors, counts) in parts? {
         picture.counts += counts;
-        for (color, [x, y]) in colors.into_iter().zip(numbers.by_ref().map(pixel)) {
-            picture.image.pixels[y as usize * width + x as usize] = color;
+        for ((color, depths), [x, y]) in colors.into_iter().zip(numbers.by_ref().map(pixel)) {
+            let at = y as usize * width + x as usize;
+            picture.image.pixels[at] = color;
+            picture.image.note_depths(at, depths);
         }
     }
     picture.rays += count as u64 * set.places.len() as u64;
@@ -136,7 +141,7 @@ fn cast<'a>(
             // ends are sampled there (design.md §3).
             let end = level.end as i32 - i32::from(!settings.is_by_segment());
             let samples = part.samples(first_mm, level.step_mm, contribution);
-            caster.begin_level(l, level, &ray, &part, samples);
+            caster.begin_level((l, level), first_mm, &ray, &part, samples);
             if ray.cuts_at(frame, level, &samples) && caster.cap(samples.begin) {
                 return;
             }
@@ -146,7 +151,10 @@ fn cast<'a>(
                 }
             }
         }
-        if part.layer.is_some_and(|layer| caster.meet(layer)) {
+        if part
+            .layer
+            .is_some_and(|layer| caster.meet(layer, part.end_mm))
+        {
             return;
         }
     }

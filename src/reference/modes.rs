@@ -7,7 +7,7 @@ use super::field::FieldReader;
 use crate::classify::PreintegratedTable;
 use crate::scene::{
     Classified, ClassifiedLevel, ClassifiedSurface, GradientFilter, Interpolation, LevelFrame,
-    Mode, PartSamples, PictureSettings, RayCounts, RayPart, ShadingModel, phong,
+    Mode, NO_DEPTHS, PartSamples, PictureSettings, RayCounts, RayPart, ShadingModel, phong,
 };
 
 /// One ray, and what its samples have come to.
@@ -29,6 +29,8 @@ pub(super) struct Caster<'r, 'f, 'a> {
     /// Mode mean: samples, each times the base steps that it stands for, and those steps.
     mean: [f32; 2],
     pub(super) counts: RayCounts,
+    /// Distances of what it met first and of what ended it, mm.
+    pub(super) depths: [f32; 2],
 }
 
 /// Where a ray is.
@@ -37,6 +39,8 @@ struct Place<'a> {
     /// Number of the level in the frame.
     number: usize,
     level: &'a LevelFrame,
+    /// Distance of its sample 0, mm.
+    first_mm: f32,
     ray: Ray,
     tables: &'a ClassifiedLevel,
     /// The part of the ray, and the normal of the cut face at which it begins.
@@ -61,14 +65,15 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
             extreme: None,
             mean: [0.0; 2],
             counts: RayCounts::default(),
+            depths: NO_DEPTHS,
         }
     }
 
     /// The next samples are of this level, and follow none.
     pub(super) fn begin_level(
         &mut self,
-        number: usize,
-        level: &'a LevelFrame,
+        (number, level): (usize, &'a LevelFrame),
+        first_mm: f32,
         ray: &Ray,
         part: &RayPart,
         samples: PartSamples,
@@ -76,6 +81,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         self.place = Some(Place {
             number,
             level,
+            first_mm,
             ray: *ray,
             tables: &self.classified.levels[number],
             samples,
@@ -121,21 +127,32 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         };
         if shows {
             let color = self.shaded(Vec3::new(r, g, b), normal, &place);
-            self.add(color, 1.0);
+            self.add(&place, index, color, 1.0);
         }
         shows
     }
 
     /// Meets a layer behind the samples so far: lit colour, premultiplied, and opacity. True when nothing more can change
     /// the ray. In modes that project translucent layers are in front of the projection, wherever they lie.
-    pub(super) fn meet(&mut self, layer: Vec4) -> bool {
+    pub(super) fn meet(&mut self, layer: Vec4, at_mm: f32) -> bool {
         let ends = layer.w >= 1.0;
         if ends && self.settings.mode.projects() {
             self.back = layer;
         } else {
             self.sum += layer * (1.0 - self.sum.w);
         }
-        ends || self.sum.w >= self.settings.opacity_cutoff
+        let ends = ends || self.sum.w >= self.settings.opacity_cutoff;
+        self.note(at_mm, ends);
+        ends
+    }
+
+    /// Something is met, which may end the ray.
+    fn note(&mut self, at_mm: f32, ends: bool) {
+        let [first, end] = &mut self.depths;
+        *first = first.min(at_mm);
+        if ends {
+            *end = at_mm;
+        }
     }
 
     /// Premultiplied colour and opacity of the ray.
@@ -154,17 +171,20 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         self.sum + behind * (1.0 - self.sum.w)
     }
 
-    /// Composites behind what is there.
-    fn add(&mut self, color: Vec3, opacity: f32) {
+    /// Composites what lies at sample `index` behind what is there.
+    fn add(&mut self, place: &Place<'_>, index: f32, color: Vec3, opacity: f32) {
         self.counts.contributing += 1;
         self.sum += color.extend(1.0) * ((1.0 - self.sum.w) * opacity);
+        let at_mm = place.first_mm + index * place.level.step_mm;
+        self.note(at_mm, self.sum.w >= self.settings.opacity_cutoff);
     }
 
     fn take_sample(&mut self, place: &Place<'_>, i: i32, value: f32) {
         let [r, g, b, a] = place.tables.lut.sample(value);
         if a > 0.0 {
             let color = self.lit(Vec3::new(r, g, b), place, i, i);
-            self.add(color, opacity_of_share(a, place.samples.share(i)));
+            let opacity = opacity_of_share(a, place.samples.share(i));
+            self.add(place, i as f32, color, opacity);
         }
     }
 
@@ -176,7 +196,8 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         let [r, g, b, a] = table.sample(before, value);
         if a > 0.0 {
             let color = self.lit(Vec3::new(r, g, b) / a, place, i, i - 1);
-            self.add(color, opacity_of_share(a, place.samples.share(i - 1)));
+            let opacity = opacity_of_share(a, place.samples.share(i - 1));
+            self.add(place, i as f32, color, opacity);
         }
     }
 
@@ -191,7 +212,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
         if opacity > 0.0 {
             let normal = self.face(place, i).unwrap_or(gradient);
             let color = self.shaded(Vec3::new(r, g, b), normal, place);
-            self.add(color, opacity);
+            self.add(place, i as f32, color, opacity);
         }
     }
 
@@ -236,7 +257,7 @@ impl<'r, 'f, 'a> Caster<'r, 'f, 'a> {
                 continue;
             }
             let color = self.lit_at(surface.color, place, place.ray.offset(at));
-            self.add(color, surface.opacity);
+            self.add(place, at, color, surface.opacity);
             if self.sum.w >= self.settings.opacity_cutoff {
                 return;
             }

@@ -505,9 +505,16 @@ impl Renderer {
         let mut sums = RayCounts::default();
         let mut take = |x: usize, y: usize| {
             let from = y * stride + x;
-            let pixel = &mut image.pixels[(top + y) * width + left + x];
-            add_ray(pixel, Vec4::from_array(colors[from]), ray[0], ray[1]);
+            let to = (top + y) * width + left + x;
+            add_ray(
+                &mut image.pixels[to],
+                Vec4::from_array(colors[from]),
+                ray[0],
+                ray[1],
+            );
             let counts = &counts[from];
+            let met = |mm: f32| if mm > 0.0 { mm } else { f32::INFINITY };
+            image.note_depths(to, [met(counts.first_mm), met(counts.end_mm)]);
             sums += RayCounts {
                 samples: counts.samples.into(),
                 skipped: counts.skipped.into(),

@@ -20,7 +20,7 @@ pub use antialias::{RaySet, add_ray, differing_pixels};
 pub use classified::{Classified, ClassifiedLevel, ClassifiedSurface, SceneError, default_window};
 pub use extreme::Extreme;
 pub use frame::{GridParams, LevelFrame, LodRule, RayFrame, interleaved_offset, volume_bounds};
-pub use image::Image;
+pub use image::{Image, NO_DEPTHS};
 pub use part::{Contribution, PartSamples, RayPart, ray_parts};
 pub use settings::{
     AntiAliasing, Background, Classification, GradientFilter, Interpolation, IsoSurface, Jitter,

@@ -390,6 +390,7 @@ impl PictureSettings {
             technique: Technique::Default,
             leap: false,
             anti_aliasing: AntiAliasing::Off,
+            depths: false,
             geometry: Arc::default(),
             camera,
         }
@@ -502,6 +503,8 @@ pub struct PictureSettings {
     pub leap: bool,
     /// Which pixels get several rays.
     pub anti_aliasing: AntiAliasing,
+    /// Are depths told ([`super::Image::depths`])? Of whole pictures, not of drafts.
+    pub depths: bool,
     /// What cuts the volume, and what is drawn with it.
     pub geometry: Arc<Geometry>,
     /// From where.

@@ -260,7 +260,7 @@ impl ExactRun {
             is_waiting: false,
             needed: BTreeSet::new(),
             sample_limit: FIRST_LIMIT[usize::from(gpu.caps.is_software)],
-            image: base.unwrap_or_else(|| Image::clear(size)),
+            image: base.unwrap_or_else(|| Image::for_settings(inputs.settings)),
             counts: RayCounts::default(),
             rays_cast: 0,
             parts_done: 0,

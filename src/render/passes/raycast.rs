@@ -51,6 +51,7 @@ struct Variant {
     surfaces: u32,
     one_opaque: bool,
     /// The picture has geometry: rays are cut to parts.
+    depths: bool,
     cut: bool,
     faces: CutFaces,
     orthographic: bool,
@@ -92,6 +93,7 @@ impl Variant {
             // Behind a layer a ray may meet the surface once more.
             one_opaque: settings.geometry.surfaces.is_empty()
                 && matches!(surfaces[..], [s] if s.opacity >= settings.opacity_cutoff),
+            depths: settings.depths && how != CastKind::Draft,
             cut: !settings.geometry.is_empty(),
             faces: settings.geometry.faces,
             orthographic: settings.camera.projection == Projection::Orthographic,
@@ -117,6 +119,7 @@ impl Variant {
             flag("MANY_ATLASES", self.many_atlases),
             flag("DRAFT", self.draft),
             flag("LEAP", self.leap),
+            flag("DEPTHS", self.depths),
             flag("CUT", self.cut),
             flag("FACES", self.faces.matter()),
             flag("CAPPED", self.faces.are_capped),

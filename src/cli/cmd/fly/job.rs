@@ -97,6 +97,8 @@ fn settings(settings: &PictureSettings) -> Value {
         leap,
         anti_aliasing,
         geometry,
+        // Films have none.
+        depths: _,
         camera,
     } = settings;
     let debug = |value: &dyn std::fmt::Debug| Value::from(format!("{value:?}"));
