@@ -150,21 +150,25 @@ fn the_vessels_phantom_has_the_centre_line_that_it_was_made_from() {
 }
 
 /// A tube of 5 mm along one and a half turns of a helix, in voxels of .7 × 1 × 1.6 mm that are turned and shifted. One voxel in
-/// fifty inside is noise when `noisy`.
-fn helix_tube(noisy: bool) -> (MemorySource, Vec<DVec3>) {
+/// fifty inside is noise when `noisy`; axes are up to 8° from perpendicular when `sheared`.
+fn helix_tube(noisy: bool, sheared: bool) -> (MemorySource, Vec<DVec3>) {
     let dims = [90_u64, 64, 40];
+    let turn = DMat3::from_rotation_z(0.5) * DMat3::from_rotation_x(0.4);
+    let shear = if sheared {
+        DMat3::from_cols(
+            DVec3::X,
+            DVec3::new(0.1, 1.0, 0.0),
+            DVec3::new(0.0, 0.14, 1.0),
+        )
+    } else {
+        DMat3::IDENTITY
+    };
     let affine = DAffine3::from_mat3_translation(
-        DMat3::from_rotation_z(0.5)
-            * DMat3::from_rotation_x(0.4)
-            * DMat3::from_diagonal(DVec3::new(0.7, 1.0, 1.6)),
+        turn * shear * DMat3::from_diagonal(DVec3::new(0.7, 1.0, 1.6)),
         DVec3::new(-100.0, 20.0, 300.0),
     );
     let middle = affine.transform_point3(DVec3::new(44.5, 31.5, 19.5));
-    let (turn_x, turn_y) = (
-        affine.matrix3.x_axis.normalize(),
-        affine.matrix3.y_axis.normalize(),
-    );
-    let along = affine.matrix3.z_axis.normalize();
+    let (turn_x, turn_y, along) = (turn.x_axis, turn.y_axis, turn.z_axis);
     let truth: Vec<DVec3> = (0..=300)
         .map(|i| {
             let a = 3.0 * std::f64::consts::PI * f64::from(i) / 300.0;
@@ -202,9 +206,9 @@ fn helix_tube(noisy: bool) -> (MemorySource, Vec<DVec3>) {
 const HELIX: [f64; 2] = [-210.0, -190.0];
 
 #[test]
-fn a_tube_in_oblique_voxels_with_and_without_noise() {
-    for noisy in [false, true] {
-        let (mut source, truth) = helix_tube(noisy);
+fn a_tube_in_oblique_voxels_with_noise_and_shear() {
+    for (noisy, sheared) in [(false, false), (true, false), (false, true)] {
+        let (mut source, truth) = helix_tube(noisy, sheared);
         let v = bricked(&mut source);
         let ends = [truth[20], truth[280]];
         let ends = if noisy {
@@ -215,7 +219,9 @@ fn a_tube_in_oblique_voxels_with_and_without_noise() {
         let line = find(&v.store, ends[0], Destination::At(ends[1]), HELIX, GIB).unwrap();
         assert_eq!(line.inside_share, 1.0, "noisy {noisy}: inside");
         let [mean, most] = off(&line.positions(), &truth, line.voxel_mm);
-        println!("helix, noisy {noisy}: mean {mean:.2}, greatest {most:.2} voxels of .7 mm");
+        println!(
+            "helix, noisy {noisy}, sheared {sheared}: mean {mean:.2}, greatest {most:.2} voxels of .7 mm"
+        );
         assert!(
             mean < MEAN_BOUND_VOXELS && most < 2.5,
             "noisy {noisy}: mean {mean:.2}, greatest {most:.2} voxels of .7 mm"

@@ -17,6 +17,9 @@ For the stented aorta (aorta-label.nii.gz, from the descending aorta over the ar
   tools/compare_centerline.py target/release/brickscope aorta-label.nii.gz OUT_FOLDER --lumen 0.5,1.5 \\
       --from=-0.342,140.158,541.7 --to=-7.842,188.158,669.2
 
+For a chest CT, from the trachea to a bronchus (air, HU):
+  … chest.nii.gz OUT_FOLDER --lumen=-1024,-900 --from=13.5,-118.5,-411.8 --to=-26.2,-190.4,-549.8
+
 Needs: pip install numpy nibabel scipy scikit-image
 """
 import argparse
