@@ -21,7 +21,7 @@ use std::time::Duration;
 use brickscope::camera::Camera;
 use brickscope::classify::{ColorCurve, ColorPoint, ColorSpace};
 use brickscope::engine::{
-    Engine, EngineOptions, ReadHookOption, TickBudget, TickEvent, TickReport,
+    Engine, EngineOptions, ReadHookOption, StandIns, TickBudget, TickEvent, TickReport,
 };
 use brickscope::geom::{BrickId, Lod};
 use brickscope::reference::VoxelField;
@@ -619,4 +619,56 @@ fn two_thousand_random_changes() {
         converged == CHANGES / 50 && compared * 4 > converged * 3,
         "{compared} of {converged} pictures show something"
     );
+}
+
+/// A moving picture's next views are there when they are drawn, if they were told and there was time; what the last frame was
+/// drawn from stays.
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn what_is_predicted_is_there_and_takes_nothing_away() {
+    let store = phantom("phantom:body:200,180,210:u16");
+    let bounds = volume_bounds(
+        store.store.meta().dims,
+        &store.store.meta().world_from_index,
+    );
+    for mode in [Mode::Iso, Mode::Dvr] {
+        let mut base = PictureSettings {
+            lod: LodChoice::Fixed(Lod(0)),
+            ..small(&store, mode)
+        };
+        // The skin: other bricks from every side.
+        base.classification.iso[0].value = 300.0;
+        let view = |azimuth: f64| PictureSettings {
+            camera: Camera::orbit(&bounds, azimuth, 10.0, 4.0, 10.0).unwrap(),
+            ..base.clone()
+        };
+        let [here, there] = [0.0, 90.0].map(view);
+        let missing = |told: &[Camera]| {
+            // Fewer slots than bricks of all views together.
+            let options = EngineOptions {
+                max_slots: Some(200),
+                ..EngineOptions::default()
+            };
+            let mut engine = gpu(&store, options);
+            engine.predict(&base, told).unwrap();
+            let first = engine.draw_moving(&here).unwrap();
+            assert_eq!(first.stats.bricks_requested, Some(0), "all of it fits");
+            // Ends by itself, when nothing more can be loaded.
+            engine.page(Duration::from_secs(600)).unwrap();
+            let again = engine.draw_moving(&here).unwrap();
+            assert!(
+                again.stand_ins == StandIns::default(),
+                "{mode:?}: nothing is taken away"
+            );
+            assert_same_bits(&first.image, &again.image, mode.name());
+            let moved = engine.draw_moving(&there).unwrap();
+            let bricks: u64 = moved.stand_ins.bricks.values().sum();
+            assert_eq!(Some(bricks), moved.stats.bricks_requested);
+            assert_eq!(bricks > 0, moved.stand_ins.rays > 0, "who missed them");
+            bricks
+        };
+        let (without, with) = (missing(&[]), missing(&[there.camera]));
+        assert!(without > 0, "{mode:?}: else this says nothing");
+        assert_eq!(with, 0, "{mode:?}: {without} are missing untold");
+    }
 }

@@ -7,6 +7,7 @@ mod contract;
 #[path = "../support/data.rs"]
 mod data;
 mod extract;
+mod fly;
 #[cfg(unix)]
 mod interrupted;
 mod pictures;

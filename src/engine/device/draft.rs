@@ -82,6 +82,7 @@ impl GpuDevice {
                 reports.push(report.wait(&self.gpu)?);
             }
             let predicted = match &self.volume {
+                // What the first frame loads it needs.
                 Some(volume) if !is_first => self.foresight.requests(volume.capacity()),
                 _ => Vec::new(),
             };
@@ -91,6 +92,10 @@ impl GpuDevice {
                 unreachable!("invariant: as above")
             };
             if !is_first || missing == 0 || missing >= missing_before {
+                if is_first {
+                    let predicted = self.foresight.requests(volume.capacity());
+                    self.ask(&plan.rays, &reports, &predicted);
+                }
                 break (drawn, asked);
             }
             missing_before = missing;

@@ -1,27 +1,30 @@
 //! What cameras to come will need, told from the index alone: which bricks their rays pass in which something may be
-//! visible. Cheap (a ray for every 8×8 pixels, no sample is taken) and a guess: what hides what is not known, so what lies
-//! behind other such bricks is only wanted later.
+//! visible. Cheap (few rays, no sample is taken) and a guess: what hides what is not known, so what lies behind other such
+//! bricks is only wanted later.
 
 use std::collections::HashMap;
+
+use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::classify::SegmentTables;
 use crate::geom::{BRICK_EDGE, BrickId, CellWalk};
 use crate::pager::{Priority, Request};
+use crate::render::Activity;
 use crate::scene::{Mode, PictureSettings};
 use crate::store::Store;
 
 use super::super::EngineError;
 use super::exact::LevelRay;
 use super::plan::PicturePlan;
-use crate::render::Activity;
 
-/// Pixels between two rays. A brick of a level that is chosen by distance is 16 pixels wide or more.
-const PITCH: f64 = 8.0;
-/// A brick behind another one counts as wanted so many views later.
-const VIEWS_PER_DEPTH: u32 = 2;
-/// Where rays end at what they meet, a ray is followed through so many bricks.
-const MOST_DEPTH: u32 = 6;
+/// Pixels between two rays, at least: a quarter of a brick's width, or less, where its level is chosen by distance.
+const LEAST_PITCH: f64 = 4.0;
+/// Rays of a view, about: of larger pictures they are farther apart.
+const MOST_RAYS: f64 = 16384.0;
+/// Where rays end at what they meet, a ray is followed through so many bricks. Not fewer: a ray along the inside of a tube
+/// passes many without meeting its wall.
+const MOST_DEPTH: u32 = 32;
 
 /// What is foreseen of some cameras.
 #[derive(Debug, Default)]
@@ -87,11 +90,9 @@ impl Foresight {
         let mut ahead_of: HashMap<BrickId, u32> = HashMap::new();
         for (number, view) in (0_u32..).zip(&self.views) {
             for &(brick, depth) in &view.bricks {
-                let ahead = number + depth * VIEWS_PER_DEPTH;
-                ahead_of
-                    .entry(brick)
-                    .and_modify(|least| *least = ahead.min(*least))
-                    .or_insert(ahead);
+                // What is behind another brick is wanted as late as what a view later needs.
+                let ahead = number + depth;
+                least(&mut ahead_of, brick, ahead);
             }
         }
         let mut requests: Vec<Request> = ahead_of
@@ -121,43 +122,73 @@ fn bricks_in_view(store: &Store, plan: &PicturePlan, place: [f64; 2]) -> Vec<(Br
         // Rays go on to the volume's end.
         Mode::Mip | Mode::MinIp | Mode::Mean | Mode::Xray => u32::MAX,
     };
-    let mut depth_of: HashMap<BrickId, u32> = HashMap::new();
+    let area = f64::from(rays.size[0]) * f64::from(rays.size[1]);
+    let pitch = (area / MOST_RAYS).sqrt().max(LEAST_PITCH);
     let pixels = |axis: usize| {
         let size = f64::from(rays.size[axis]);
-        let count = (size / PITCH).ceil() as u32;
-        (0..count).map(move |i| ((f64::from(i) + place[axis]) * PITCH).min(size - 1.0))
+        let count = (size / pitch).ceil() as u32;
+        (0..count).map(move |i| ((f64::from(i) + place[axis]) * pitch).min(size - 1.0))
     };
-    for y in pixels(1) {
-        for x in pixels(0) {
-            let mut depth = 0;
-            for level in rays.used() {
-                let Some(seen) = plan.levels.get(&level.lod) else {
-                    continue;
-                };
-                let ray = LevelRay::new(rays, level, [x, y]);
-                let last = f64::from(rays.last_index) / f64::from(1_u32 << level.lod.0);
-                let ends = [f64::from(level.begin), f64::from(level.end).min(last)];
-                let [from, to] = ends.map(|index| ray.place(index) / f64::from(BRICK_EDGE));
-                let grid = store.level(level.lod).grid;
-                for xyz in CellWalk::new(from, to, grid.bricks) {
-                    if depth >= most_depth {
-                        break;
-                    }
-                    let brick = BrickId::new(level.lod, xyz);
-                    let entry = store.entry(brick);
-                    if seen.of_range([entry.min, entry.max]) != Activity::Unknown {
-                        continue;
-                    }
-                    if !entry.constant {
-                        depth_of
-                            .entry(brick)
-                            .and_modify(|least| *least = depth.min(*least))
-                            .or_insert(depth);
-                    }
-                    depth += 1;
-                }
+    let rows: Vec<f64> = pixels(1).collect();
+    let found = rows
+        .into_par_iter()
+        .fold(HashMap::new, |mut found, y| {
+            for x in pixels(0) {
+                follow(store, plan, [x, y], most_depth, |brick, depth| {
+                    least(&mut found, brick, depth);
+                });
             }
+            found
+        })
+        .reduce(HashMap::new, |mut all, part| {
+            for (brick, depth) in part {
+                least(&mut all, brick, depth);
+            }
+            all
+        });
+    found.into_iter().collect()
+}
+
+/// Keeps the least number of a brick.
+fn least(numbers: &mut HashMap<BrickId, u32>, brick: BrickId, number: u32) {
+    numbers
+        .entry(brick)
+        .and_modify(|least| *least = number.min(*least))
+        .or_insert(number);
+}
+
+/// Follows the ray of a pixel through `most_depth` bricks in which something may be visible; tells those with voxels, each
+/// with the number of others before it.
+fn follow(
+    store: &Store,
+    plan: &PicturePlan,
+    pixel: [f64; 2],
+    most_depth: u32,
+    mut tell: impl FnMut(BrickId, u32),
+) {
+    let rays = &plan.rays;
+    let mut depth = 0;
+    for level in rays.used() {
+        let Some(seen) = plan.levels.get(&level.lod) else {
+            continue;
+        };
+        let ray = LevelRay::new(rays, level, pixel);
+        let last = f64::from(rays.last_index) / f64::from(1_u32 << level.lod.0);
+        let ends = [f64::from(level.begin), f64::from(level.end).min(last)];
+        let [from, to] = ends.map(|index| ray.place(index) / f64::from(BRICK_EDGE));
+        for xyz in CellWalk::new(from, to, store.level(level.lod).grid.bricks) {
+            let brick = BrickId::new(level.lod, xyz);
+            let entry = store.entry(brick);
+            if seen.of_range([entry.min, entry.max]) != Activity::Unknown {
+                continue;
+            }
+            if depth >= most_depth {
+                return;
+            }
+            if !entry.constant {
+                tell(brick, depth);
+            }
+            depth += 1;
         }
     }
-    depth_of.into_iter().collect()
 }

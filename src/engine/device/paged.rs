@@ -21,8 +21,8 @@ use super::super::{EngineError, EngineOptions};
 use super::classification::{ClassifiedBricks, KnownRanges, SeenLevels};
 use super::waits::Waits;
 
-/// Decoded bricks on their way at once, per thread.
-const LOADS_PER_THREAD: usize = 4;
+/// Decoded bricks on their way at once, per thread: enough work while a frame is drawn and nobody orders more.
+const LOADS_PER_THREAD: usize = 16;
 /// Bricks copied into the atlas at once: whole rows of every voxel type (7, 3 or 1 to a row).
 const UPLOAD_GROUP: usize = 21;
 

@@ -31,6 +31,10 @@ pub(super) fn fly(
     let prefetch = args.prefetch == Switch::On;
     let mut frames = Vec::new();
     let mut totals = RealtimeReport::new(prefetch);
+    let mut predict_ms = 0.0;
+    if prefetch {
+        predict(args, flight, engine, schedule, 0)?;
+    }
     let mut picture = engine.draw_moving(&flight.frame(&args.look, 0)?)?;
     for note in &picture.notes {
         bar.note(note);
@@ -50,13 +54,14 @@ pub(super) fn fly(
         film.queue.push(shown, rgba.clone())?;
         let paged = engine.page(until(schedule.end(shown)))?;
         std::thread::sleep(until(schedule.end(shown)));
-        let frame = RealtimeFrame::new(&picture, done - schedule.end(shown), paged);
+        let stall_ms = (done - schedule.end(shown)).max(0.0) * 1e3;
+        let frame = RealtimeFrame::new(&picture, [predict_ms, stall_ms], paged);
         totals.add(&frame, &picture);
         frames.push(FrameReport {
             number: shown,
             seconds: schedule.begin(shown),
             draw_ms,
-            stats: None,
+            stats: picture.stats,
             realtime: Some(frame),
         });
         begun = now();
@@ -70,6 +75,7 @@ pub(super) fn fly(
         let Some(number) = next else { break };
         if prefetch {
             predict(args, flight, engine, schedule, number)?;
+            predict_ms = (now() - begun) * 1e3;
         }
         picture = engine.draw_moving(&flight.frame(&args.look, number)?)?;
         shown = number;

@@ -48,8 +48,7 @@ pub(super) struct FrameReport {
     pub(super) seconds: f64,
     pub(super) draw_ms: f64,
     /// As `render --stats` has them.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) stats: Option<PictureStats>,
+    pub(super) stats: PictureStats,
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub(super) realtime: Option<RealtimeFrame>,
 }
@@ -64,6 +63,8 @@ pub(super) struct RealtimeFrame {
     missed_ray_share: f64,
     /// The missing bricks by the level that stood in for them; "none" where there was none.
     stand_ins: BTreeMap<String, u64>,
+    /// What looking ahead took, of the time of drawing.
+    predict_ms: f64,
     /// By how much it came after the end of its slot.
     stall_ms: f64,
     /// Loaded in what was left of its slot.
@@ -72,8 +73,12 @@ pub(super) struct RealtimeFrame {
 }
 
 impl RealtimeFrame {
-    /// A picture that was done `late` seconds after the end of its slot (before it: negative), and what was loaded after it.
-    pub(super) fn new(picture: &Picture, late: f64, paged: PageReport) -> Self {
+    /// A picture, what predicting took before it and by how much it was late, and what was loaded after it.
+    pub(super) fn new(
+        picture: &Picture,
+        [predict_ms, stall_ms]: [f64; 2],
+        paged: PageReport,
+    ) -> Self {
         let level = |lod: &Option<crate::geom::Lod>| match lod {
             Some(lod) => lod.0.to_string(),
             None => "none".into(),
@@ -84,7 +89,8 @@ impl RealtimeFrame {
             missing_bricks: bricks.values().sum(),
             missed_ray_share: picture.stand_ins.rays as f64 / picture.stats.rays.max(1) as f64,
             stand_ins: bricks.iter().map(|(lod, &n)| (level(lod), n)).collect(),
-            stall_ms: late.max(0.0) * 1e3,
+            predict_ms,
+            stall_ms,
             bricks_read: paged.bricks_read,
             bricks_uploaded: paged.bricks_uploaded,
         }

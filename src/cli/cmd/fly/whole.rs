@@ -40,7 +40,7 @@ pub(super) fn fly(
                 number,
                 seconds: flight.rate.seconds_of(number),
                 draw_ms: picture.stats.wall_ms,
-                stats: Some(picture.stats),
+                stats: picture.stats,
                 realtime: None,
             });
         }
