@@ -23,6 +23,9 @@ fn world_from_index() -> DAffine3 {
     )
 }
 
+/// Physical values of the lumen: sources in memory have a slope of 2, so that 1 is 505.
+const RANGE: (f64, f64) = (250.0, 600.0);
+
 const DIMS: DVec3 = DVec3::new(90.0, 60.0, 40.0);
 
 /// A tube along x of radius 10 mm, with 1 (lumen) in 0.
@@ -48,10 +51,11 @@ fn place(along: f64, off: [f64; 2]) -> DVec3 {
 #[test]
 fn a_camera_stops_before_a_wall_and_slides_along_it() {
     let store = tube();
-    let mut walls = Walls::new(&store.store, Lod(0), (128.0, 255.0));
+    let mut walls = Walls::new(&store.store, Lod(0), RANGE);
     let clearance = 2.0;
     let start = place(0.3, [1.0, 0.0]);
-    assert!(walls.clear_mm(start).unwrap() > 7.0, "in the middle");
+    let clear = walls.clear_mm(start).unwrap();
+    assert!(clear > 7.0, "in the middle: {clear} mm at {start}");
 
     let free = place(0.6, [0.0, 2.0]);
     let moved = walls.slide(start, free, clearance).unwrap();
@@ -112,7 +116,7 @@ fn a_camera_stops_before_a_wall_and_slides_along_it() {
 #[test]
 fn no_walk_leaves_the_lumen() {
     let store = tube();
-    let mut walls = Walls::new(&store.store, Lod(0), (128.0, 255.0));
+    let mut walls = Walls::new(&store.store, Lod(0), RANGE);
     let mut random = noise(3000, 11).map(|v| (v % 10_000) as f64 / 5000.0 - 1.0);
     let mut next = || DVec3::from_array(std::array::from_fn(|_| random.next().unwrap()));
     let (mut at, mut unheld) = (place(0.5, [0.0; 2]), place(0.5, [0.0; 2]));
