@@ -25,6 +25,7 @@ pub mod gpu;
 pub mod input;
 pub mod outfile;
 pub mod pager;
+pub mod path;
 pub mod proxy;
 pub mod reference;
 #[cfg(feature = "gpu")]

@@ -5,7 +5,6 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
 use serde_json::{Value, json};
 use thiserror::Error;
 
@@ -157,6 +156,8 @@ impl Camera {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
 
     fn parse(text: &str) -> Result<Camera, CameraFileError> {

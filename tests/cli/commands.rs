@@ -270,3 +270,70 @@ fn demo_makes_three_pictures_and_prints_only_their_paths() {
         assert!(seen > pixels.len() / 20, "{line}: something is seen");
     }
 }
+
+/// The tube of the vessels phantom from its root to the first fork, as a path that reads back.
+#[test]
+fn path_writes_a_flight_through_the_lumen_and_says_how_long_it_is() {
+    let folder = Folder::new();
+    let store = folder.brick("phantom:vessels:96,96,96", "v.bsk");
+    let base = [
+        "path",
+        store,
+        "--from",
+        "47.5,47.5,2",
+        "--lumen",
+        "140,170",
+        "-o",
+        "p.json",
+    ];
+    let to = ["--to", "47.5,47.5,18"];
+    let run = folder
+        .run(&[&base[..], &to, &["--json", "--seconds", "4"]].concat())
+        .expect(0);
+    assert_eq!(run.stderr, "", "nothing to tell");
+    let json: Value = serde_json::from_str(&run.stdout).expect("JSON");
+    let number = |key: &str| {
+        json[key]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{key}: {json}"))
+    };
+    assert!((number("length_mm") - 16.0).abs() < 3.0, "{json}");
+    assert!((number("mean_radius_mm") - 3.8).abs() < 1.0, "{json}");
+    assert_eq!(number("inside_share"), 1.0, "{json}");
+    assert_eq!(number("level"), 0.0, "{json}");
+    let text = fs::read(folder.file("p.json")).expect("the path");
+    let path: Value = serde_json::from_slice(&text).expect("JSON");
+    let keys = path["keys"].as_array().expect("keys");
+    assert_eq!(keys.len() as f64, number("points"), "a key per point");
+    assert_eq!(keys[keys.len() - 1]["t"], 4.0, "four seconds");
+    for key in ["t", "eye", "target", "up", "fov"] {
+        assert!(!keys[0][key].is_null(), "{key} in {}", keys[0]);
+    }
+    let lines = folder
+        .run(&[&base[..], &["--to", "farthest", "--speed", "10"]].concat())
+        .expect(0)
+        .stdout;
+    assert!(
+        lines.contains("length_mm:") && lines.contains("mm_per_s:"),
+        "{lines}"
+    );
+    fs::remove_file(folder.file("p.json")).expect("the path");
+    for (more, words) in [
+        (
+            &["--to", "10,10,10"][..],
+            &["--to", "nearest voxel of the lumen"][..],
+        ),
+        (&["--to", "1,1"], &["farthest"]),
+        (
+            &["--to", "47.5,47.5,18", "--seconds", "1", "--speed", "1"],
+            &["--speed"],
+        ),
+        (&["--to", "47.5,47.5,18", "--fov", "180"], &["180"]),
+    ] {
+        let run = folder.run(&[&base[..], more].concat()).expect(2);
+        for word in words {
+            assert!(run.stderr.contains(word), "{word:?} in {}", run.stderr);
+        }
+        assert_eq!(folder.names(), ["v.bsk"], "{more:?}: no path is left");
+    }
+}

@@ -29,7 +29,7 @@ fn every_command_has_help_with_an_example_or_is_refused() {
     let folder = Folder::new();
     let built = built(&folder);
     for name in [
-        "brick", "info", "verify", "extract", "render", "fly", "demo", "presets",
+        "brick", "info", "verify", "extract", "render", "path", "fly", "demo", "presets",
     ] {
         assert!(
             built.iter().any(|b| b == name),

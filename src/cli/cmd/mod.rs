@@ -6,6 +6,7 @@ pub mod demo;
 pub mod extract;
 pub mod fly;
 pub mod info;
+pub mod path;
 pub mod presets;
 mod progress;
 pub mod render;
