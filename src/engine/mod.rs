@@ -231,7 +231,10 @@ impl Engine {
         cameras: &[Camera],
     ) -> Result<(), EngineError> {
         match &mut self.device {
-            Device::Cpu(_) => Ok(()),
+            Device::Cpu(_) => {
+                let _ = (settings, cameras);
+                Ok(())
+            }
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.predict(settings, cameras),
         }
@@ -244,7 +247,10 @@ impl Engine {
     /// The device is lost. A brick that can't be read is no error.
     pub fn page(&mut self, time: Duration) -> Result<PageReport, EngineError> {
         match &mut self.device {
-            Device::Cpu(_) => Ok(PageReport::default()),
+            Device::Cpu(_) => {
+                let _ = time;
+                Ok(PageReport::default())
+            }
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.page(time),
         }

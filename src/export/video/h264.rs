@@ -17,7 +17,9 @@ use crate::outfile::OutFile;
 
 /// Largest picture of OpenH264: its longer and its shorter side.
 const MOST: [u32; 2] = [3840, 2160];
-/// Bits per pixel at most: the quantiser's range decides before.
+/// The quantiser of all pictures: differences are hard to see.
+const QUANTISER: u8 = 20;
+/// Bits per second that are announced, per pixel. Nothing is kept to it.
 const BITS_PER_PIXEL: f64 = 1.0;
 
 /// A film that is being encoded.
@@ -56,8 +58,9 @@ impl BuiltIn {
             .usage_type(UsageType::CameraVideoRealTime)
             .max_frame_rate(openh264::encoder::FrameRate::from_hz(rate as f32))
             .bitrate(BitRate::from_bps(bits.clamp(1e6, 5e8) as u32))
-            .rate_control_mode(RateControlMode::Quality)
-            .qp(QpRange::new(12, 24))
+            // A constant quantiser; what controls a rate would skip frames, or complain that it may not.
+            .rate_control_mode(RateControlMode::Off)
+            .qp(QpRange::new(QUANTISER, QUANTISER))
             .skip_frames(false)
             // A key frame every four seconds, for who seeks.
             .intra_frame_period(IntraFramePeriod::from_num_frames((4.0 * rate).ceil() as u32))
