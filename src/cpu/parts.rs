@@ -285,9 +285,9 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         if n + 1 < scene.frame.used_levels {
             here = here & l.gt(l.f(level.end as f32), begin);
         }
-        for axis in 0..3 {
-            here = here & l.ge(at[axis], l.f(level.box_min[axis]));
-            here = here & l.ge(l.f(level.box_max[axis]), at[axis]);
+        for (axis, &at) in at.iter().enumerate() {
+            here = here & l.ge(at, l.f(level.box_min[axis]));
+            here = here & l.ge(l.f(level.box_max[axis]), at);
         }
         if !l.any(here) {
             return alive;

@@ -59,6 +59,9 @@ pub fn render(
     Ok(picture)
 }
 
+/// Colours and depths of pixels, and what their rays did.
+type Drawn = (Vec<(Vec4, [f32; 2])>, RayCounts);
+
 /// Draws the pixels of a set of rays.
 fn add_rays(
     picture: &mut ReferencePicture,
@@ -82,8 +85,7 @@ fn add_rays(
         })
         .collect();
     let count = set.pixel_count(frame.size) as usize;
-    let parts: Result<Vec<(Vec<(Vec4, [f32; 2])>, RayCounts)>, StoreError> = (0..count
-        .div_ceil(AT_ONCE))
+    let parts: Result<Vec<Drawn>, StoreError> = (0..count.div_ceil(AT_ONCE))
         .into_par_iter()
         .map_init(
             || fields.iter().map(VoxelField::reader).collect::<Vec<_>>(),

@@ -97,7 +97,7 @@ impl GeometryBuffers {
                 }
             }
         }
-        let most = gpu.caps.limits.max_storage_buffer_binding_size as u64;
+        let most = gpu.caps.limits.max_storage_buffer_binding_size;
         let needed = (corners.len() as u64).max(planes.len() as u64) * 16;
         if needed > most {
             return Err(GpuError::TooSmall {
