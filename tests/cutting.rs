@@ -346,3 +346,191 @@ fn every_technique_cuts_alike() {
         compare::assert_same_bits(ticked, &default.image, &format!("{look}, by ticks"));
     }
 }
+
+/// An engine on the device of that name.
+fn engines(store: &TestStore) -> Vec<(&'static str, brickscope::engine::Engine)> {
+    use brickscope::engine::{DeviceChoice, Engine, EngineOptions};
+    let mut engines = vec![("cpu", cpu(store, EngineOptions::default()))];
+    let options = EngineOptions {
+        device: DeviceChoice::Reference,
+        ..EngineOptions::default()
+    };
+    let reference = Engine::with_store(Arc::clone(&store.store), options).unwrap();
+    engines.push(("reference", reference));
+    #[cfg(feature = "gpu")]
+    if !cfg!(skip_gpu_tests) {
+        engines.push(("gpu", scenes::gpu(store, EngineOptions::default())));
+    }
+    engines
+}
+
+#[test]
+fn inside_and_outside_make_up_the_whole() {
+    use brickscope::scene::{Mode, Technique};
+    let store = waves(VoxelType::U16);
+    // Hollow, and of two shells that lie apart.
+    let [ball, hollow, other] = [(0.6, 0.1), (0.3, 0.12), (0.2, 0.9)]
+        .map(|(radius, off)| sphere(&store, radius, DVec3::new(off, -off, 0.1)));
+    let mut vertices = ball.vertices().to_vec();
+    let mut triangles = ball.triangles().to_vec();
+    for (mesh, turned) in [(&hollow, true), (&other, false)] {
+        let first = vertices.len() as u32;
+        vertices.extend_from_slice(mesh.vertices());
+        triangles.extend(
+            mesh.triangles()
+                .iter()
+                .map(|&[a, b, c]| if turned { [a, c, b] } else { [a, b, c] }.map(|v| v + first)),
+        );
+    }
+    let mesh = Arc::new(TriangleMesh::new(vertices, triangles, None).unwrap());
+    mesh.check_closed().unwrap();
+    for (device, mut engine) in engines(&store) {
+        let mut draw = |mode, clip_meshes: Vec<ClipMesh>| {
+            let mut s = scenes::settings(&store.store, mode);
+            s.geometry = Arc::new(Geometry {
+                clip_meshes,
+                ..Geometry::default()
+            });
+            // Every sample of every ray.
+            (s.size, s.technique, s.opacity_cutoff) = ([80, 64], Technique::Basic, 1.0);
+            engine.render(&s).unwrap()
+        };
+        let only = |side| vec![clip(&mesh, side)];
+        for mode in [Mode::Mean, Mode::Dvr] {
+            let whole = draw(mode, Vec::new()).stats.samples;
+            let inside = draw(mode, only(Side::Inside)).stats.samples;
+            let outside = draw(mode, only(Side::Outside)).stats.samples;
+            assert!(
+                inside * 10 > whole && outside * 10 > whole,
+                "{device}: both matter"
+            );
+            assert_eq!(inside + outside, whole, "{device}, {}", mode.name());
+        }
+        // The greatest value of a ray is inside or outside.
+        let [whole, inside, outside] = [Vec::new(), only(Side::Inside), only(Side::Outside)]
+            .map(|clips| draw(Mode::Mip, clips).image.pixels);
+        let is_like = |a: glam::Vec4, b: glam::Vec4| (a - b).abs().max_element() < 1e-4;
+        let of_one = |k: usize| is_like(whole[k], inside[k]) || is_like(whole[k], outside[k]);
+        assert!((0..whole.len()).all(of_one), "{device}: one of both");
+        // The control: neither alone is the whole.
+        for (name, part) in [("inside", &inside), ("outside", &outside)] {
+            let differ = (0..whole.len())
+                .filter(|&k| !is_like(whole[k], part[k]))
+                .count();
+            assert!(
+                differ > whole.len() / 50,
+                "{device}: {name} differs in {differ}"
+            );
+        }
+    }
+}
+
+/// A homogeneous body with three sheets of glass in it, two of them between the same two samples: known by pencil.
+#[test]
+fn layers_lie_where_they_are_in_a_homogeneous_body() {
+    use brickscope::camera::{Camera, Projection};
+    use brickscope::classify::{
+        ColorCurve, ColorPoint, ColorSpace, OpacityCurve, OpacityPoint, TransferFunction,
+    };
+    use brickscope::scene::{Mode, TransferMode};
+    let store = scenes::store_of(&mut scenes::field([40; 3], VoxelType::U8, |p| {
+        // One voxel of another value far from the rays: a volume of one value has no range.
+        if p.length() < 0.03 { 1.0 } else { 0.8 }
+    }));
+    let (body, opacity) = (Vec3::new(0.2, 0.5, 0.8), 0.05_f64);
+    let transfer = TransferFunction {
+        name: "body".into(),
+        color: ColorCurve::new(
+            [-1000.0, 1000.0]
+                .map(|x| ColorPoint {
+                    x,
+                    rgb: body.as_dvec3().to_array(),
+                })
+                .to_vec(),
+            ColorSpace::Rgb,
+        )
+        .unwrap(),
+        opacity: OpacityCurve::new(
+            [-1000.0, 1000.0]
+                .map(|x| OpacityPoint::linear(x, opacity))
+                .to_vec(),
+        )
+        .unwrap(),
+    };
+    let eye_y = 119.63;
+    let camera = Camera {
+        eye: DVec3::new(22.0, eye_y, 21.0),
+        target: DVec3::new(22.0, 0.0, 21.0),
+        up: DVec3::Z,
+        fov_y_degrees: 1.0,
+        projection: Projection::Orthographic,
+        near_mm: 0.0,
+    };
+    let sheet = |at_mm: f64, color: [f32; 3], opacity: f32| {
+        let y = eye_y - at_mm;
+        let corners = [(-200.0, -200.0), (400.0, -200.0), (0.0, 500.0)];
+        let vertices = corners.map(|(x, z)| DVec3::new(x, y, z)).to_vec();
+        drawn(
+            &Arc::new(TriangleMesh::new(vertices, vec![[0, 1, 2]], None).unwrap()),
+            color,
+            opacity,
+        )
+    };
+    let sheets = [
+        (90.27, [0.9, 0.1, 0.1], 0.3),
+        (90.41, [0.1, 0.9, 0.1], 0.5),
+        (105.9, [0.1, 0.2, 0.9], 0.4),
+    ];
+    let mut s = PictureSettings::new(Mode::Dvr, transfer, camera);
+    (s.size, s.step, s.opacity_cutoff) = ([12, 10], 0.5, 1.0);
+    s.lod = brickscope::scene::LodChoice::Fixed(brickscope::geom::Lod(0));
+    s.geometry = Arc::new(Geometry {
+        // Told back to front.
+        surfaces: sheets
+            .iter()
+            .rev()
+            .map(|&(at, c, o)| sheet(at, c, o))
+            .collect(),
+        ..Geometry::default()
+    });
+    // Seen head-on by a headlight: all of the colour that there is, and the highlight.
+    let lit = |c: [f32; 3]| {
+        let light = brickscope::scene::Shading::default();
+        let matte = Vec3::from(c) * (light.ambient + light.diffuse);
+        (matte + light.specular).min(Vec3::ONE).as_dvec3()
+    };
+    // Samples lie at multiples of the step; the box is entered 80.63 mm from the eye and left at 119.63 mm. Sample i stands for
+    // what follows it up to the next, a segment for what lies between two.
+    let expected = |end_mm: f64| {
+        let (mut color, mut passing, mut at_mm) = (DVec3::ZERO, 1.0, 81.0);
+        let mut through = |to_mm: f64, layer: Option<([f32; 3], f64)>| {
+            let clear = (1.0 - opacity).powf(to_mm - at_mm);
+            color += body.as_dvec3() * (passing * (1.0 - clear));
+            passing *= clear;
+            if let Some((c, o)) = layer {
+                color += lit(c) * (passing * o);
+                passing *= 1.0 - o;
+            }
+            at_mm = to_mm;
+        };
+        for (to_mm, c, o) in sheets {
+            through(to_mm, Some((c, f64::from(o))));
+        }
+        through(end_mm, None);
+        color.extend(1.0 - passing).as_vec4()
+    };
+    for (device, mut engine) in engines(&store) {
+        for (mode, end_mm) in [
+            (TransferMode::Post, 120.0),
+            (TransferMode::Preintegrated, 119.5),
+        ] {
+            s.classification.transfer_mode = mode;
+            let pixels = engine.render(&s).unwrap().image.pixels;
+            let wanted = expected(end_mm);
+            for p in pixels {
+                let off = (p - wanted).abs().max_element();
+                assert!(off < 2e-4, "{device}, {mode:?}: {p} for {wanted}");
+            }
+        }
+    }
+}

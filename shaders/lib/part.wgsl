@@ -100,13 +100,30 @@ fn part_ends(sum: vec4f, layer: vec4f) -> bool {
     return layer.a >= 1.0 || sum.a >= frame.opacity_cutoff;
 }
 
+// Layers around a projection, premultiplied: translucent ones are in front of it, wherever they lie, an opaque one behind it.
+struct Backdrop {
+    front: vec4f,
+    back: vec4f,
+    // Nothing more can change the ray.
+    ended: bool,
+}
+
+fn part_backdrop(before: Backdrop, layer: vec4f) -> Backdrop {
+    if layer.a >= 1.0 {
+        return Backdrop(before.front, layer, true);
+    }
+    let front = before.front + layer * (1.0 - before.front.a);
+    return Backdrop(front, before.back, front.a >= frame.opacity_cutoff);
+}
+
 // What a ray of a mode that projects shows; of one that goes on only the layers so far.
-fn part_project(caster: Cast, front: vec4f, projected: vec4f, back: vec4f) -> vec4f {
+fn part_project(caster: Cast, backdrop: Backdrop, projected: vec4f) -> vec4f {
     if !CUT {
         return projected;
     }
-    let behind = projected + back * (1.0 - projected.a);
-    return select(front + behind * (1.0 - front.a), front, caster.stopped || caster.paused);
+    let behind = projected + backdrop.back * (1.0 - projected.a);
+    let all = backdrop.front + behind * (1.0 - backdrop.front.a);
+    return select(all, backdrop.front, caster.stopped || caster.paused);
 }
 
 // The gradient that sample `i` is lit by: the normal of the cut face where the segment behind sample `segment` lies at one.

@@ -5,9 +5,7 @@ const MODE_SPLITS: bool = false;
 const MODE_SEGMENTS: bool = false;
 
 struct Mode {
-    // Layers in front of the projection, and what ended the ray: premultiplied colour and opacity.
-    front: vec4f,
-    back: vec4f,
+    backdrop: Backdrop,
     greatest: f32,
     event: bool,
     ended: bool,
@@ -17,7 +15,7 @@ fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
     // Blocks that can't be better than the volume's own bound are skipped: that is their extreme.
     let least = select(frame.value_floor, -frame.value_ceiling, MINIMUM);
     let greatest = max(least, select(least, state.value, (state.flags & RAY_INSIDE) != 0u));
-    return Mode(color, vec4f(0.0), greatest, false, false);
+    return Mode(Backdrop(color, vec4f(0.0), false), greatest, false, false);
 }
 
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
@@ -29,14 +27,9 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     (*mode).greatest = max((*mode).greatest, value);
 }
 
-// Translucent layers are in front of the projection, wherever they lie; an opaque one is behind it.
 fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
-    if layer.a >= 1.0 {
-        (*mode).back = layer;
-        return true;
-    }
-    (*mode).front += layer * (1.0 - (*mode).front.a);
-    return part_ends((*mode).front, layer);
+    (*mode).backdrop = part_backdrop((*mode).backdrop, layer);
+    return (*mode).backdrop.ended;
 }
 
 // A projection has no surfaces.
@@ -58,5 +51,5 @@ fn mode_end(mode: Mode, caster: Cast, next: i32) -> Outcome {
         let classified = classify_value(caster.ray.grid, select(mode.greatest, -mode.greatest, MINIMUM));
         color = vec4f(classified.rgb * classified.a, classified.a);
     }
-    return Outcome(part_project(caster, mode.front, color, mode.back), 0u, mode.greatest, 0u);
+    return Outcome(part_project(caster, mode.backdrop, color), 0u, mode.greatest, 0u);
 }

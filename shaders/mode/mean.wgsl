@@ -4,9 +4,7 @@ const MODE_SPLITS: bool = false;
 const MODE_SEGMENTS: bool = false;
 
 struct Mode {
-    // Layers in front of the projection, and what ended the ray: premultiplied colour and opacity.
-    front: vec4f,
-    back: vec4f,
+    backdrop: Backdrop,
     sum: f32,
     steps: u32,
     event: bool,
@@ -14,7 +12,7 @@ struct Mode {
 }
 
 fn mode_begin(caster: Cast, state: RayState, color: vec4f) -> Mode {
-    return Mode(color, vec4f(0.0), state.value, state.count, false, false);
+    return Mode(Backdrop(color, vec4f(0.0), false), state.value, state.count, false, false);
 }
 
 fn mode_next_run(mode: ptr<function, Mode>, caster: Cast) {}
@@ -28,14 +26,9 @@ fn mode_take(mode: ptr<function, Mode>, caster: ptr<function, Cast>, source: Sou
     (*caster).contributing += 1u;
 }
 
-// Translucent layers are in front of the projection, wherever they lie; an opaque one is behind it.
 fn mode_meet(mode: ptr<function, Mode>, layer: vec4f) -> bool {
-    if layer.a >= 1.0 {
-        (*mode).back = layer;
-        return true;
-    }
-    (*mode).front += layer * (1.0 - (*mode).front.a);
-    return part_ends((*mode).front, layer);
+    (*mode).backdrop = part_backdrop((*mode).backdrop, layer);
+    return (*mode).backdrop.ended;
 }
 
 // A projection has no surfaces.
@@ -57,5 +50,5 @@ fn mode_end(mode: Mode, caster: Cast, next: i32) -> Outcome {
         let classified = classify_value(caster.ray.grid, mode.sum / f32(mode.steps));
         color = vec4f(classified.rgb * classified.a, classified.a);
     }
-    return Outcome(part_project(caster, mode.front, color, mode.back), 0u, mode.sum, mode.steps);
+    return Outcome(part_project(caster, mode.backdrop, color), 0u, mode.sum, mode.steps);
 }

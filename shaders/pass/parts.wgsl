@@ -67,7 +67,15 @@ struct Parts {
     face: vec3f,
     // That of the half space at which what all of them keep begins.
     kept_face: vec3f,
+    // Where the last record ends, if it is of a part without a layer behind it, and how that began.
+    closed_mm: f32,
+    closed_begin_mm: f32,
+    closed_continues: bool,
+    closed_face: vec3f,
 }
+
+// What is thinner, as a part of its distance, is rounding.
+const PARTS_THIN: f32 = 1e-6;
 
 fn parts_ray(pixel: vec2u) -> WorldRay {
     let plane = ray_plane(vec2f(pixel));
@@ -157,16 +165,30 @@ fn parts_end(parts: ptr<function, Parts>, is_kept: bool, to_mm: f32, layer: vec4
     let is_cut = (*parts).begin_mm < (*parts).kept.x;
     let begin_mm = max((*parts).begin_mm, (*parts).kept.x);
     let end_mm = min(to_mm, (*parts).kept.y);
-    let has_volume = is_kept && begin_mm < end_mm;
+    let has_volume = is_kept && end_mm - begin_mm > end_mm * PARTS_THIN;
     let reaches = has_volume && end_mm == to_mm;
     if has_volume {
         let face = select((*parts).face, (*parts).kept_face, is_cut);
         let behind = select(vec4f(0.0), layer, reaches);
         parts_write(parts, begin_mm, (*parts).continues && !is_cut, end_mm, behind, face);
     }
+    (*parts).closed_mm = select(-1.0, end_mm, has_volume && layer.a == 0.0);
+    (*parts).closed_begin_mm = (*parts).begin_mm;
+    (*parts).closed_continues = (*parts).continues;
+    (*parts).closed_face = (*parts).face;
     if layer.a > 0.0 && !reaches {
         parts_write(parts, 1e30, false, to_mm, layer, vec3f(0.0));
     }
+}
+
+// A part begins at a cut face. Where shells touch, one is left where another is entered, or nearly so: nothing is cut there, and
+// the part before goes on.
+fn parts_open(parts: ptr<function, Parts>, at_mm: f32, face: vec3f) {
+    let touches = (*parts).closed_mm >= 0.0 && at_mm - (*parts).closed_mm <= at_mm * PARTS_THIN;
+    (*parts).count -= select(0u, 1u, touches);
+    (*parts).begin_mm = select(at_mm, (*parts).closed_begin_mm, touches);
+    (*parts).continues = touches && (*parts).closed_continues;
+    (*parts).face = select(face, (*parts).closed_face, touches);
 }
 
 // The layer of a triangle: lit, premultiplied colour, and opacity.
@@ -226,6 +248,7 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
     parts.base = atomicAdd(&part_words[PARTS_RECORDS], 2u * count + 1u);
     parts_keep(ray, &parts);
     parts.begin_mm = ray.near_mm;
+    parts.closed_mm = -1.0;
     var is_kept = parts_is_kept(&windings);
     var keys: array<CrossingKey, SORTED>;
     // Only what follows this one is left.
@@ -266,18 +289,18 @@ fn make_parts(@builtin(global_invocation_id) id: vec3u) {
                     parts_end(&parts, true, key.mm, vec4f(0.0));
                 }
                 if keeps && !is_kept {
-                    parts.begin_mm = key.mm;
-                    parts.continues = false;
                     let normal = triangle_planes[key.triangle].xyz;
-                    parts.face = select(normal, -normal, dot(normal, ray.direction) > 0.0);
+                    parts_open(&parts, key.mm, select(normal, -normal, dot(normal, ray.direction) > 0.0));
                 }
                 is_kept = keeps;
             } else {
                 let layer = parts_layer(ray, key);
                 parts_end(&parts, is_kept, key.mm, layer);
+                // A face that is cut and drawn is cut behind its layer.
+                let is_at_cut = any(parts.face != vec3f(0.0)) && key.mm - parts.begin_mm <= key.mm * PARTS_THIN;
                 parts.begin_mm = key.mm;
-                parts.continues = true;
-                parts.face = vec3f(0.0);
+                parts.continues = !is_at_cut;
+                parts.face = select(vec3f(0.0), parts.face, is_at_cut);
                 has_ended |= layer.a >= 1.0;
             }
         }

@@ -192,36 +192,16 @@ impl Geometry {
         };
         let ([first_mm, last_mm], plane_cut) = self.kept_by_planes(origin, direction, near_mm);
 
-        let mut spans = Vec::new();
-        let mut push = |begin: (f64, Option<DVec3>), to_mm: f64, is_kept, layer: Option<Layer>| {
-            let (begin_mm, cut) = if begin.0 < first_mm {
-                (first_mm, plane_cut)
-            } else {
-                begin
-            };
-            let end_mm = to_mm.min(last_mm);
-            let is_kept = is_kept && begin_mm < end_mm;
-            let reaches = is_kept && end_mm == to_mm;
-            if is_kept {
-                spans.push(Span {
-                    begin_mm,
-                    end_mm,
-                    cut,
-                    layer: layer.filter(|_| reaches),
-                });
-            }
-            if layer.is_some() && !reaches {
-                spans.push(Span {
-                    begin_mm: f64::INFINITY,
-                    end_mm: to_mm,
-                    cut: None,
-                    layer,
-                });
-            }
+        let mut cutter = Cutter {
+            kept_mm: [first_mm, last_mm],
+            face: plane_cut,
+            spans: Vec::new(),
         };
         let mut is_kept = keeps(&windings);
-        // Where the part began that is kept, and the face there.
-        let mut begin = (near_mm, None);
+        let mut begin = Begin {
+            at_mm: near_mm,
+            cut: None,
+        };
         for event in events {
             let at_mm = event.crossing.at_mm;
             if let Some(surface) = event.id.checked_sub(clips) {
@@ -231,11 +211,16 @@ impl Geometry {
                     at_mm,
                     normal: mesh.normal_at(event.crossing.triangle, origin + direction * at_mm),
                 };
-                push(begin, at_mm, is_kept, Some(layer));
-                begin = (at_mm, None);
+                cutter.end(begin, at_mm, is_kept, Some(layer));
                 if self.surfaces[surface].opacity >= 1.0 {
-                    return spans;
+                    return cutter.spans;
                 }
+                // A face that is cut and drawn is cut behind its layer.
+                let is_at_cut = at_mm - begin.at_mm <= thin(at_mm);
+                begin = Begin {
+                    at_mm,
+                    cut: begin.cut.filter(|_| is_at_cut),
+                };
                 continue;
             }
             windings[event.id] += if event.crossing.enters { 1 } else { -1 };
@@ -244,17 +229,86 @@ impl Geometry {
                 continue;
             }
             if keeps {
-                let normal = self.clip_meshes[event.id]
-                    .mesh
-                    .face_normal(event.crossing.triangle);
-                begin = (at_mm, Some(-normal * normal.dot(direction).signum()));
+                begin = cutter.reopened(at_mm).unwrap_or_else(|| {
+                    let mesh = &self.clip_meshes[event.id].mesh;
+                    let normal = mesh.face_normal(event.crossing.triangle);
+                    Begin {
+                        at_mm,
+                        cut: Some(-normal * normal.dot(direction).signum()),
+                    }
+                });
             } else {
-                push(begin, at_mm, true, None);
+                cutter.end(begin, at_mm, true, None);
             }
             is_kept = keeps;
         }
-        push(begin, f64::INFINITY, is_kept, None);
-        spans
+        cutter.end(begin, f64::INFINITY, is_kept, None);
+        cutter.spans
+    }
+}
+
+/// What is thinner, at a distance, is rounding.
+fn thin(at_mm: f64) -> f64 {
+    if at_mm.is_finite() {
+        at_mm * 1e-6
+    } else {
+        0.0
+    }
+}
+
+/// Where a part began that is kept, and the normal of the cut face there.
+#[derive(Clone, Copy)]
+struct Begin {
+    at_mm: f64,
+    cut: Option<DVec3>,
+}
+
+/// Makes spans of what meshes keep.
+struct Cutter {
+    /// What planes keep, and the face at its beginning.
+    kept_mm: [f64; 2],
+    face: Option<DVec3>,
+    spans: Vec<Span>,
+}
+
+impl Cutter {
+    /// The part from `begin` ends, at a layer or not.
+    fn end(&mut self, begin: Begin, to_mm: f64, is_kept: bool, layer: Option<Layer>) {
+        let [first_mm, last_mm] = self.kept_mm;
+        let (begin_mm, cut) = if begin.at_mm < first_mm {
+            (first_mm, self.face)
+        } else {
+            (begin.at_mm, begin.cut)
+        };
+        let end_mm = to_mm.min(last_mm);
+        let is_kept = is_kept && end_mm - begin_mm > thin(end_mm);
+        let reaches = is_kept && end_mm == to_mm;
+        if is_kept {
+            self.spans.push(Span {
+                begin_mm,
+                end_mm,
+                cut,
+                layer: layer.filter(|_| reaches),
+            });
+        }
+        if layer.is_some() && !reaches {
+            self.spans.push(Span {
+                begin_mm: f64::INFINITY,
+                end_mm: to_mm,
+                cut: None,
+                layer,
+            });
+        }
+    }
+
+    /// Where shells touch, one is left where another is entered, or nearly so: nothing is cut there, and the part before goes
+    /// on. Where that began.
+    fn reopened(&mut self, at_mm: f64) -> Option<Begin> {
+        let touches = |s: &mut Span| s.layer.is_none() && at_mm - s.end_mm <= thin(at_mm);
+        self.spans.pop_if(touches).map(|before| Begin {
+            at_mm: before.begin_mm,
+            cut: before.cut,
+        })
     }
 }
 

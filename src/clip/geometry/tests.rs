@@ -321,3 +321,32 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn touching_shells_cut_nothing_between_them() {
+    let both = together(&[cube(DVec3::ZERO, 1.0), cube(DVec3::X * 2.0, 1.0)]);
+    for (side, wanted) in [
+        (Side::Inside, vec![[9.0, 13.0]]),
+        (Side::Outside, vec![[0.0, 9.0], [13.0, NEVER]]),
+    ] {
+        let geometry = Geometry {
+            clip_meshes: vec![clip(both.clone(), side)],
+            ..Geometry::default()
+        };
+        assert_volume(&along_x(&geometry, 0.0), &wanted);
+    }
+}
+
+#[test]
+fn a_face_that_is_cut_and_drawn_is_cut_behind_its_layer() {
+    let geometry = Geometry {
+        clip_meshes: vec![clip(cube(DVec3::ZERO, 1.0), Side::Inside)],
+        surfaces: vec![surface(cube(DVec3::ZERO, 1.0), 0.5)],
+        ..Geometry::default()
+    };
+    let spans = along_x(&geometry, 0.0);
+    assert_eq!(layers(&spans), [(0, 9.0), (0, 11.0)]);
+    assert_volume(&spans, &[[9.0, 11.0]]);
+    let kept = spans.iter().find(|s| s.begin_mm < s.end_mm).unwrap();
+    assert_eq!(kept.cut, Some(DVec3::NEG_X), "{spans:#?}");
+}
