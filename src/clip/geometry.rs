@@ -249,11 +249,7 @@ impl Geometry {
 
 /// What is thinner, at a distance, is rounding.
 fn thin(at_mm: f64) -> f64 {
-    if at_mm.is_finite() {
-        at_mm * 1e-6
-    } else {
-        0.0
-    }
+    if at_mm.is_finite() { at_mm * 1e-6 } else { 0.0 }
 }
 
 /// Where a part began that is kept, and the normal of the cut face there.

@@ -72,10 +72,17 @@ pub(super) fn cast<L: Lanes, K: VoxelKind>(
     packet: Packet<L>,
     counts: &mut RayCounts,
 ) -> (Colors, [PerLane<f32>; 2]) {
+    let cut;
+    let parts: &[PacketPart] = if scene.geometry.is_empty() {
+        &[PacketPart::WHOLE]
+    } else {
+        cut = packet_parts(scene, packet.planes(l));
+        &cut
+    };
     let mut caster = Caster {
         l,
         scene,
-        parts: packet_parts(scene, packet.planes(l)),
+        parts,
         packet,
         fields,
         samples: l.i(0),
@@ -113,7 +120,7 @@ pub(super) struct Caster<'s, 'f, 'n, 'a, L: Lanes> {
     pub(super) scene: &'s Scene<'f>,
     pub(super) packet: Packet<L>,
     /// In order; of each all lanes' together.
-    pub(super) parts: Vec<PacketPart>,
+    pub(super) parts: &'s [PacketPart],
     pub(super) fields: &'s mut [Field<'n, 'a, L>],
     /// Per lane: samples taken, samples of the parts that are done, samples that counted.
     pub(super) samples: L::I,

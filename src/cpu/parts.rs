@@ -24,7 +24,7 @@ pub(super) struct PacketPart {
 
 impl PacketPart {
     /// All of every ray.
-    const WHOLE: Self = Self {
+    pub(super) const WHOLE: Self = Self {
         begin_mm: [f32::NEG_INFINITY; MAX_LANES],
         end_mm: [f32::INFINITY; MAX_LANES],
         exists: u32::MAX,
@@ -67,9 +67,6 @@ impl PacketPart {
 /// The parts of a packet's rays, in order.
 #[inline(never)]
 pub(super) fn packet_parts(scene: &Scene<'_>, planes: Vec<[f32; 2]>) -> Vec<PacketPart> {
-    if scene.geometry.is_empty() {
-        return vec![PacketPart::WHOLE];
-    }
     let mut parts: Vec<PacketPart> = Vec::new();
     for (lane, plane) in planes.into_iter().enumerate() {
         let of_ray = ray_parts(scene.frame, scene.geometry, scene.shading, plane);

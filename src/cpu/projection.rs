@@ -18,8 +18,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         let mut all = self.packet.inside;
         let mut has_samples = l.mask(0);
         let mut backdrop = Backdrop::new(l);
-        let parts = std::mem::take(&mut self.parts);
-        for part in &parts {
+        for part in self.parts {
             let mut alive = all;
             for (n, level) in scene.levels() {
                 let mut rays = Rays::new(l, scene.frame, level, &self.packet);
@@ -86,8 +85,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         let (mut sum, mut weights) = (zero, zero);
         let mut all = self.packet.inside;
         let mut backdrop = Backdrop::new(l);
-        let parts = std::mem::take(&mut self.parts);
-        for part in &parts {
+        for part in self.parts {
             for (n, level) in scene.levels() {
                 let mut rays = Rays::new(l, scene.frame, level, &self.packet);
                 rays.cut(l, &self.packet, part, level.step_mm, Contribution::Value);

@@ -56,8 +56,7 @@ impl<L: Lanes> Caster<'_, '_, '_, '_, L> {
         let surfaces = &scene.surfaces;
         let mut sum = Sum::new(l);
         let mut alive = self.packet.inside;
-        let parts = std::mem::take(&mut self.parts);
-        for part in &parts {
+        for part in self.parts {
             for (n, level) in scene.levels() {
                 let mut rays = Rays::new(l, scene.frame, level, &self.packet);
                 let between = rays.cut(l, &self.packet, part, level.step_mm, Contribution::Segment);
