@@ -4,6 +4,7 @@ mod bad_inputs;
 mod bench;
 mod commands;
 mod contract;
+mod cutting;
 #[path = "../support/data.rs"]
 mod data;
 mod extract;
