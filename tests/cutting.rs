@@ -396,7 +396,7 @@ fn inside_and_outside_make_up_the_whole() {
             engine.render(&s).unwrap()
         };
         let only = |side| vec![clip(&mesh, side)];
-        for mode in [Mode::Mean, Mode::Dvr] {
+        for mode in [Mode::Mean, Mode::Mip] {
             let whole = draw(mode, Vec::new()).stats.samples;
             let inside = draw(mode, only(Side::Inside)).stats.samples;
             let outside = draw(mode, only(Side::Outside)).stats.samples;
