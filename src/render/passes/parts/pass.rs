@@ -238,11 +238,9 @@ impl PartsPass {
             self.geometry = Some(GeometryBuffers::new(gpu, geometry)?);
         }
         let shape = PartsShape::first(geometry, rays, tile);
-        if self
-            .targets
-            .as_ref()
-            .is_none_or(|t| !t.shape.is_like(&shape))
-        {
+        let most = self.most_bytes;
+        let fits = |t: &PartsTargets| t.shape.is_like(&shape) && t.shape.bytes() <= most;
+        if !self.targets.as_ref().is_some_and(fits) {
             self.make_targets(gpu, shape)?;
         }
         Ok(())
@@ -254,6 +252,11 @@ impl PartsPass {
             Ok(PartsTargets::new(gpu, &self.layout, shape))
         })?);
         Ok(())
+    }
+
+    /// Drops what is on the device for the last picture's geometry.
+    pub(in crate::render) fn drop_targets(&mut self) {
+        (self.geometry, self.targets) = (None, None);
     }
 
     /// What the caster binds as group 3.

@@ -8,7 +8,7 @@ use crate::scene::RayFrame;
 /// Bytes of a texel of a record.
 const TEXEL_BYTES: u64 = 16;
 /// What there is room for at first, per pixel; what a picture takes more is made room for.
-const CROSSINGS_AT_FIRST: u64 = 4;
+const CROSSINGS_AT_FIRST: u64 = 2;
 /// Most pixels along an edge of the cube.
 const MOST_CUBE_EDGE: u32 = 1024;
 
