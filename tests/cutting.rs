@@ -534,3 +534,121 @@ fn layers_lie_where_they_are_in_a_homogeneous_body() {
         }
     }
 }
+
+/// More crossings on a ray than are sorted at a time: an onion of thirty shells that cut, and as many sheets of glass.
+#[cfg(feature = "gpu")]
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn rays_that_cross_a_hundred_faces_are_cut_as_the_reference_does() {
+    let store = waves(VoxelType::U16);
+    let shells = |count: u32, off: DVec3, from: f64| {
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for n in 0..count {
+            let radius = from + 0.7 * f64::from(n) / f64::from(count);
+            let shell = sphere(&store, radius, off);
+            let first = vertices.len() as u32;
+            vertices.extend_from_slice(shell.vertices());
+            // Every other one faces inward: layers and gaps.
+            let is_turned = n % 2 == 0;
+            triangles.extend(shell.triangles().iter().map(|&[a, b, c]| {
+                if is_turned { [a, c, b] } else { [a, b, c] }.map(|v| v + first)
+            }));
+        }
+        Arc::new(TriangleMesh::new(vertices, triangles, None).unwrap())
+    };
+    let geometry = Geometry {
+        clip_meshes: vec![clip(&shells(30, DVec3::ZERO, 0.05), Side::Inside)],
+        surfaces: vec![drawn(
+            &shells(24, DVec3::new(0.1, 0.0, 0.1), 0.08),
+            [0.3, 0.6, 0.9],
+            0.02,
+        )],
+        ..Geometry::default()
+    };
+    let mut engine = scenes::gpu(&store, Default::default());
+    let mut crossed = 0;
+    for (look, settings) in looks(&store.store) {
+        if ["dvr", "iso"].contains(&look) {
+            let s = with(&settings, &geometry);
+            let middle = s.camera.eye;
+            let ahead = (s.camera.target - middle).normalize();
+            crossed = geometry.spans(middle, ahead, 0.0).len();
+            // Edges of a hundred shells: more rays graze one.
+            let truth = reference(&store, &s).image;
+            let d = difference(&engine.render(&s).unwrap().image, &truth, TWIN_BOUND);
+            println!("{look}: {d}");
+            assert!(
+                d.beyond * 1000 <= truth.pixels.len() * 12 && d.mean < 2e-4,
+                "{look}: {d}"
+            );
+        }
+    }
+    assert!(crossed > 64, "{crossed} parts on the ray in the middle");
+}
+
+/// A volume 2¹⁵ voxels long, seen along its length: what lies at its far end is where it is, to a hundredth of a voxel, and cut
+/// there.
+#[cfg(feature = "gpu")]
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn the_far_end_of_a_long_volume_is_exact() {
+    use brickscope::camera::{Camera, Projection};
+    use brickscope::scene::Mode;
+    const LONG: u64 = 1 << 15;
+    let store = scenes::store_of(&mut scenes::field([LONG, 24, 24], VoxelType::U8, |p| {
+        let x = p.x * LONG as f64;
+        let off = (p.y - 0.5).hypot(p.z - 0.5);
+        // Beads on a string, every 64 voxels, in the last quarter only.
+        let bead = ((x / 64.0).fract() - 0.5).hypot(off * 24.0 / 64.0);
+        if p.x > 0.75 {
+            (1.0 - bead * 4.0).max(0.0)
+        } else {
+            0.0
+        }
+    }));
+    let mut s = scenes::settings(&store.store, Mode::Iso);
+    let end = LONG as f64;
+    s.camera = Camera {
+        eye: DVec3::new(-20.0, 12.0, 14.0),
+        target: DVec3::new(end, 11.5, 11.5),
+        up: DVec3::Z,
+        fov_y_degrees: 0.05,
+        projection: Projection::Perspective,
+        near_mm: 0.1,
+    };
+    (s.size, s.step, s.depths) = ([24, 20], 1.0, true);
+    s.lod = brickscope::scene::LodChoice::Fixed(brickscope::geom::Lod(0));
+    let far = DVec3::new(end - 300.0, 11.5, 11.5);
+    let geometry = Geometry {
+        planes: vec![Plane::new(DVec3::X, -(end - 1000.0)).unwrap()],
+        surfaces: vec![drawn(
+            &Arc::new(TriangleMesh::sphere(far, 9.0, 4).unwrap()),
+            [0.9, 0.4, 0.2],
+            1.0,
+        )],
+        ..Geometry::default()
+    };
+    let mut engine = scenes::gpu(&store, Default::default());
+    for geometry in [Geometry::default(), geometry] {
+        s.geometry = Arc::new(geometry);
+        let truth = reference(&store, &s).image;
+        let image = engine.render(&s).unwrap().image;
+        let pairs = || {
+            image
+                .depths
+                .iter()
+                .flatten()
+                .zip(truth.depths.iter().flatten())
+        };
+        let seen = pairs()
+            .filter(|(_, t)| t[0] > 0.74 * end as f32 && t[0].is_finite())
+            .count();
+        assert!(seen > 60, "{seen} pixels show the far end");
+        let off = |(a, b): &(&[f32; 2], &[f32; 2])| a[0] != b[0] && (a[0] - b[0]).abs() > 0.01;
+        let wrong = pairs().filter(off).count();
+        assert!(
+            wrong * 100 <= 3 * seen,
+            "{wrong} of {seen} pixels are off by more than 0.01 mm"
+        );
+    }
+}

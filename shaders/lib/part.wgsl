@@ -49,6 +49,25 @@ fn part_record(place: u32) -> vec4u {
     return textureLoad(part_records, vec2u(place % PART_RECORDS_WIDE, place / PART_RECORDS_WIDE), 0);
 }
 
+// Is the sample in front of the layer at which the part begins kept? It is where the part began, or the first of those that it
+// continues.
+fn part_keeps(caster: Cast, sample: f32) -> bool {
+    var number = caster.part.number;
+    loop {
+        if number == 0u {
+            break;
+        }
+        number -= 1u;
+        let begin = part_record((caster.part.records + number) * select(1u, 2u, FACES)).x;
+        let begin_mm = bitcast<f32>(begin & 0x7fffffffu);
+        // One that is but a layer begins nowhere.
+        if begin_mm < 1e29 && (ray_index(caster.ray, begin_mm) <= sample || (begin >> 31u) == 0u) {
+            return ray_index(caster.ray, begin_mm) <= sample;
+        }
+    }
+    return false;
+}
+
 // Leaves of the ray's samples at its level those of the part.
 fn part_cut(caster: ptr<function, Cast>) {
     if !CUT {
@@ -67,7 +86,10 @@ fn part_cut(caster: ptr<function, Cast>) {
     // The sample in front of a layer is taken on both sides of it; so is, with segments, the one behind it.
     let continues = MODE_SPLITS && (record.x >> 31u) != 0u;
     let has_layer = layer.a > 0.0;
-    let first = select(ceil(begin), floor(begin), continues);
+    var first = ceil(begin);
+    if continues && part_keeps(*caster, floor(begin)) {
+        first = floor(begin);
+    }
     let last = ceil(end) - select(1.0, 0.0, MODE_SEGMENTS && has_layer);
     (*caster).ray.first = max((*caster).ray.first, i32(clamp(first, -2e9, 2e9)));
     (*caster).ray.last = min((*caster).ray.last, select(i32(clamp(last, -2e9, 2e9)), -1, begin >= end));

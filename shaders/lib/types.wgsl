@@ -156,6 +156,11 @@ struct GeometryUniforms {
     most_records: u32,
     // Pixels along an edge of the cube.
     cube_edge: u32,
+    // As in FrameUniforms, of this raster: it reaches behind the volume, to the last of the meshes.
+    depth_scale: f32,
+    depth_bias: f32,
+    pad0: u32,
+    pad1: u32,
 }
 
 // A mesh that cuts or is drawn.

@@ -23,6 +23,7 @@ fn cast_rays(
     // In the middle of a run, behind something translucent.
     var resumed = false;
     var more = cast_next_run(&caster, &walk, &mode);
+    i = cast_moved_on(&caster, &mode, more, i);
     loop {
         while more {
             mode_next_run(&mode, caster);
@@ -59,6 +60,7 @@ fn cast_rays(
             }
             walk.greatest = mode_bound(mode);
             more = !mode.event && !caster.stopped && !caster.paused && cast_next_run(&caster, &walk, &mode);
+            i = cast_moved_on(&caster, &mode, more, i);
         }
         i = mode_resolve(&mode, &caster, i);
         cast_meet(&caster, i, level);
@@ -69,6 +71,7 @@ fn cast_rays(
         caster.paused = caster.samples >= caster.limit;
         resumed = i <= walk.last;
         more = !caster.paused && (resumed || cast_next_run(&caster, &walk, &mode));
+        i = cast_moved_on(&caster, &mode, more, i);
         if !more {
             break;
         }

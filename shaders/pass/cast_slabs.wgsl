@@ -133,7 +133,7 @@ fn cast_slabs(
         if more && done {
             more = cast_next_run(&caster, &walk, &mode);
             done = false;
-            i = select(i, walk.first, more);
+            i = select(select(i, 0, caster.part.is_new), walk.first, more);
             // Before anything can break off: what is stored must know that the level is another one.
             mode_next_run(&mode, caster);
             caster.part.is_new = false;

@@ -40,7 +40,7 @@ fn crossings_fragment(vertex: CrossingVertex, @builtin(front_facing) enters: boo
             let mesh = vertex.mesh | select(0u, CROSSING_ENTERS, enters);
             var depth_mm = 1.0 / vertex.position.w;
             if ORTHOGRAPHIC {
-                depth_mm = frame.depth_bias - frame.depth_scale * vertex.position.z;
+                depth_mm = geometry.depth_bias - geometry.depth_scale * vertex.position.z;
             }
             crossings[place] = Crossing(next, vertex.triangle, mesh, depth_mm);
         }

@@ -85,7 +85,8 @@ fn cast_note(caster: ptr<function, Cast>, index: f32, is_met: bool, ends: bool) 
         return;
     }
     let at_mm = (*caster).ray.first_mm + index * (*caster).ray.step_mm;
-    (*caster).first_mm = select((*caster).first_mm, at_mm, is_met && (*caster).first_mm == 0.0);
+    let nearest_mm = select(min((*caster).first_mm, at_mm), at_mm, (*caster).first_mm == 0.0);
+    (*caster).first_mm = select((*caster).first_mm, nearest_mm, is_met);
     (*caster).end_mm = select((*caster).end_mm, at_mm, is_met && ends);
 }
 
@@ -194,6 +195,16 @@ fn cast_next_run(caster: ptr<function, Cast>, walk: ptr<function, Walk>, mode: p
     return false;
 }
 
+// The sample that a ray goes on with which has come to another part or level and found no run there: it may have stopped at a cut
+// face, and nothing of what it had is of this part.
+fn cast_moved_on(caster: ptr<function, Cast>, mode: ptr<function, Mode>, more: bool, next: i32) -> i32 {
+    if more || !(*caster).part.is_new {
+        return next;
+    }
+    mode_next_run(mode, *caster);
+    return 0;
+}
+
 // Does the part of the ray end at its level, behind all samples that were taken?
 fn cast_part_is_done(caster: Cast, is_last_level: bool) -> bool {
     if !CUT || caster.part.number >= caster.part.count {
@@ -295,7 +306,8 @@ fn cast_end(caster: Cast, walk: Walk, outcome: Outcome, next: i32) {
     counts[caster.at].contributing += caster.contributing;
     if DEPTHS {
         let known_mm = counts[caster.at].first_mm;
-        counts[caster.at].first_mm = select(known_mm, caster.first_mm, known_mm == 0.0);
+        let is_nearer = caster.first_mm != 0.0 && (known_mm == 0.0 || caster.first_mm < known_mm);
+        counts[caster.at].first_mm = select(known_mm, caster.first_mm, is_nearer);
         counts[caster.at].end_mm = caster.end_mm;
     }
     if LEAP {

@@ -11,6 +11,7 @@ use crate::scene::{Contribution, LevelFrame, Mode, RayPart, ray_parts};
 pub(super) struct PacketPart {
     begin_mm: PerLane<f32>,
     end_mm: PerLane<f32>,
+    since_mm: PerLane<f32>,
     /// Lanes (bits) whose ray has such a part, which goes on behind a layer, which ends at one.
     exists: u32,
     continues: u32,
@@ -27,6 +28,7 @@ impl PacketPart {
     pub(super) const WHOLE: Self = Self {
         begin_mm: [f32::NEG_INFINITY; MAX_LANES],
         end_mm: [f32::INFINITY; MAX_LANES],
+        since_mm: [f32::NEG_INFINITY; MAX_LANES],
         exists: u32::MAX,
         continues: 0,
         has_layer: 0,
@@ -45,6 +47,7 @@ impl PacketPart {
         let bit = 1 << lane;
         self.begin_mm[lane] = part.begin_mm;
         self.end_mm[lane] = part.end_mm;
+        self.since_mm[lane] = part.since_mm;
         self.exists |= bit;
         if part.continues {
             self.continues |= bit;
@@ -172,7 +175,10 @@ impl<L: Lanes> Rays<L> {
         let at = |mm: &PerLane<f32>| (l.load_f(mm) - packet.first_mm) / l.f(step_mm);
         let (begin, end) = (at(&part.begin_mm), at(&part.end_mm));
         let ceil = zero - l.floor(zero - begin);
-        let first = l.pick(continues, l.floor(begin), ceil);
+        // The sample in front of a layer is taken on both sides of it, if it is kept.
+        let before = l.floor(begin);
+        let is_kept = l.ge(before, at(&part.since_mm));
+        let first = l.pick(continues & is_kept, before, ceil);
         // With segments the sample behind a layer is taken, too.
         let is_far_end_needed = l.mask(match of {
             Contribution::Segment => part.has_layer,

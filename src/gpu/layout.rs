@@ -151,6 +151,10 @@ shared! {
         most_crossings: u32,
         most_records: u32,
         cube_edge: u32,
+        depth_scale: f32,
+        depth_bias: f32,
+        pad0: u32,
+        pad1: u32,
     }
 }
 

@@ -437,12 +437,26 @@ fn block_diagonal_mm(level: &LevelFrame) -> f64 {
 
 /// Reversed depth: view depth = scale / d (perspective, no far plane) or bias − scale · d (orthographic).
 #[derive(Clone, Copy, Debug)]
-struct DepthRange {
-    scale: f64,
-    bias: f64,
+pub(super) struct DepthRange {
+    pub(super) scale: f64,
+    pub(super) bias: f64,
 }
 
 impl DepthRange {
+    /// One that reaches at least `far_mm` along the viewing direction.
+    pub(super) fn reaching(rays: &RayFrame, far_mm: f64) -> Self {
+        let of_volume = Self::new(rays);
+        match rays.projection {
+            Projection::Orthographic if far_mm > of_volume.bias => Self {
+                scale: far_mm - f64::from(rays.near_mm),
+                bias: far_mm,
+            },
+            // The others have no far plane.
+            _ => of_volume,
+        }
+    }
+
+    /// One for the volume.
     fn new(rays: &RayFrame) -> Self {
         let near = f64::from(rays.near_mm);
         match rays.projection {
@@ -471,7 +485,8 @@ fn clip_from_offset(rays: &RayFrame, tile: Tile) -> DMat4 {
     let level = rays.coarsest_used();
     let anchor = level.anchor.as_dvec3();
     let world_from_offset = level.world_from_level * DAffine3::from_translation(anchor);
-    clip_from_world(rays, tile, BOUNDS_MARGIN) * DMat4::from(world_from_offset)
+    clip_from_world(rays, DepthRange::new(rays), tile, BOUNDS_MARGIN)
+        * DMat4::from(world_from_offset)
 }
 
 /// Clip space of the six faces of a cube around the eye, along the world's axes: +x, −x, +y, …
@@ -493,8 +508,12 @@ pub(super) fn clip_from_world_of_cube(rays: &RayFrame) -> [DMat4; 6] {
 }
 
 /// Clip space, cropped to the tile and a margin of so many pixels around it.
-pub(super) fn clip_from_world(rays: &RayFrame, tile: Tile, margin: u32) -> DMat4 {
-    let depth = DepthRange::new(rays);
+pub(super) fn clip_from_world(
+    rays: &RayFrame,
+    depth: DepthRange,
+    tile: Tile,
+    margin: u32,
+) -> DMat4 {
     let view_from_world = DMat4::from(rays.world_from_view.inverse());
     let clip_from_view = clip_from_view(rays.projection, rays.half_extent, depth);
     let [width, height] = rays.size.map(f64::from);

@@ -287,6 +287,7 @@ impl Renderer {
     /// Drops the picture's buffers, which are bound to a volume's: there is none any more.
     pub fn drop_targets(&mut self) {
         self.targets = None;
+        self.parts.drop_targets();
     }
 
     /// Sends the bounding mesh that the next tiles are bounded by.

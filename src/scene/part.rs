@@ -40,6 +40,8 @@ pub struct RayPart {
     pub end_mm: f32,
     /// It begins at the layer at which the part before ended.
     pub continues: bool,
+    /// Where what is kept began: its own beginning, or that of the first of the parts that it continues.
+    pub since_mm: f32,
     /// Where it begins at a cut face: the face's unit normal, world, towards the eye.
     pub cut: Option<Vec3>,
     /// The layer behind it: lit colour, premultiplied, and opacity. An opacity of 1 ends the ray.
@@ -52,6 +54,7 @@ impl RayPart {
         begin_mm: f32::NEG_INFINITY,
         end_mm: f32::INFINITY,
         continues: false,
+        since_mm: f32::NEG_INFINITY,
         cut: None,
         layer: None,
     };
@@ -61,8 +64,8 @@ impl RayPart {
         let at = |mm: f32| (mm - first_mm) / step_mm;
         let (begin, end) = (at(self.begin_mm), at(self.end_mm));
         let splits = of != Contribution::Value;
-        // The sample in front of a layer is taken on both sides of it; so is, with segments, the one behind it.
-        let first = if self.continues && splits {
+        // The sample in front of a layer is taken on both sides of it, if it is kept; so is, with segments, the one behind it.
+        let first = if self.continues && splits && at(self.since_mm) <= begin.floor() {
             begin.floor()
         } else {
             begin.ceil()
@@ -136,6 +139,7 @@ pub fn ray_parts(
     }
     let (origin, direction, near_mm) = world_ray(frame, plane);
     let mut continues = false;
+    let mut since_mm = 0.0;
     let spans = geometry.spans(origin, direction, near_mm);
     let part = |span: crate::clip::Span| {
         let layer = span.layer.map(|layer| {
@@ -143,10 +147,17 @@ pub fn ray_parts(
             let normal = layer.normal.as_vec3();
             phong(surface.color, normal, direction.as_vec3(), shading).extend(1.0) * surface.opacity
         });
+        let begin_mm = span.begin_mm as f32;
+        let is_kept = begin_mm.is_finite();
+        let continues_now = continues && span.cut.is_none();
+        if is_kept && !continues_now {
+            since_mm = begin_mm;
+        }
         let part = RayPart {
-            begin_mm: span.begin_mm as f32,
+            begin_mm,
             end_mm: span.end_mm as f32,
-            continues: continues && span.cut.is_none(),
+            continues: continues_now,
+            since_mm,
             cut: span.cut.map(|n| n.as_vec3()),
             layer,
         };
@@ -190,6 +201,7 @@ mod tests {
             begin_mm,
             end_mm,
             continues,
+            since_mm: 0.0,
             cut: None,
             layer: has_layer.then_some(Vec4::ONE),
         }

@@ -389,7 +389,7 @@ impl GpuDevice {
         let [itself, least] = Renderer::geometry_bytes(geometry, &plan.rays, tile);
         let has_meshes = itself > 0;
         let most = if has_meshes {
-            least.max(mesh_bytes(self.budget_bytes))
+            (2 * least).max(self.budget_bytes / 8)
         } else {
             least
         };

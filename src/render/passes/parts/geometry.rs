@@ -14,7 +14,7 @@ use crate::gpu::layout::{
     PARTS_PLANES, PARTS_TRIANGLES, PARTS_WORDS,
 };
 use crate::gpu::{GpuContext, GpuError};
-use crate::render::frame::{Tile, clip_from_world, clip_from_world_of_cube, padded};
+use crate::render::frame::{DepthRange, Tile, clip_from_world, clip_from_world_of_cube, padded};
 use crate::scene::RayFrame;
 
 /// A picture's geometry on the device.
@@ -163,6 +163,17 @@ impl GeometryBuffers {
         buffers.into_iter().map(wgpu::Buffer::size).sum()
     }
 
+    /// How far the last corner of the meshes lies along the viewing direction, and a little.
+    fn far_mm(&self, rays: &RayFrame) -> f64 {
+        let view = rays.world_from_view;
+        let clips = self.of.clip_meshes.iter().map(|c| &c.mesh);
+        let meshes = clips.chain(self.of.surfaces.iter().map(|s| &s.mesh));
+        let corners = meshes.flat_map(|mesh| mesh.bounds().corners());
+        let depths = corners.map(|corner| -(corner - view.translation).dot(view.matrix3.z_axis));
+        let far = depths.fold(f64::NEG_INFINITY, f64::max);
+        far + far.abs() * 1e-3
+    }
+
     /// What the host orders, and nothing counted yet (`PARTS_*`).
     pub(super) fn words(&self) -> [u32; PARTS_WORDS as usize] {
         let mut words = [0; PARTS_WORDS as usize];
@@ -187,16 +198,21 @@ impl GeometryBuffers {
             _ => [eye, DVec3::ZERO, DVec3::ZERO],
         };
         let world_from_mesh = DAffine3::from_translation(self.origin);
+        let depth = DepthRange::reaching(rays, self.far_mm(rays));
         let clip_from_world = if rays.projection.is_panoramic() {
             clip_from_world_of_cube(rays)
         } else {
-            [clip_from_world(rays, *tile, 0); 6]
+            [clip_from_world(rays, depth, *tile, 0); 6]
         };
         GeometryUniforms {
             origin: origin.map(|v| padded(v.as_vec3())),
             clip_from_mesh: clip_from_world
                 .map(|clip| (clip * world_from_mesh).as_mat4().to_cols_array_2d()),
             cube_edge: shape.cube_edge,
+            depth_scale: depth.scale as f32,
+            depth_bias: depth.bias as f32,
+            pad0: 0,
+            pad1: 0,
             first_drawn: self.first_drawn,
             most_crossings: shape.crossings as u32,
             most_records: shape.records as u32,

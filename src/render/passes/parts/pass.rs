@@ -238,11 +238,9 @@ impl PartsPass {
             self.geometry = Some(GeometryBuffers::new(gpu, geometry)?);
         }
         let shape = PartsShape::first(geometry, rays, tile);
-        if self
-            .targets
-            .as_ref()
-            .is_none_or(|t| !t.shape.is_like(&shape))
-        {
+        let most = self.most_bytes;
+        let fits = |t: &PartsTargets| t.shape.is_like(&shape) && t.shape.bytes() <= most;
+        if !self.targets.as_ref().is_some_and(fits) {
             self.make_targets(gpu, shape)?;
         }
         Ok(())
@@ -254,6 +252,11 @@ impl PartsPass {
             Ok(PartsTargets::new(gpu, &self.layout, shape))
         })?);
         Ok(())
+    }
+
+    /// Drops what is on the device for the last picture's geometry.
+    pub(in crate::render) fn drop_targets(&mut self) {
+        (self.geometry, self.targets) = (None, None);
     }
 
     /// What the caster binds as group 3.
@@ -315,12 +318,17 @@ impl PartsPass {
             let room = |n: u64| n + n / 4;
             let larger = shape.with_room(room(crossings).max(shape.crossings), room(records));
             let most_rows = u64::from(gpu.caps.limits.max_texture_dimension_2d);
-            if larger.bytes() > self.most_bytes || larger.rows() > most_rows {
+            let most_crossing_bytes = gpu.caps.limits.max_storage_buffer_binding_size;
+            if larger.bytes() > self.most_bytes
+                || larger.rows() > most_rows
+                || larger.crossing_bytes() > most_crossing_bytes
+            {
                 return Err(GpuError::TooSmall {
                     what: format!("the list of the {crossings} crossings of rays and meshes"),
                     needed: larger.bytes(),
-                    limit: self.most_bytes,
-                    limited_by: "the share of --gpu-memory for them".into(),
+                    limit: self.most_bytes.min(most_crossing_bytes),
+                    limited_by: "the share of --gpu-memory for them, or a buffer of the adapter"
+                        .into(),
                     remedy: "give more --gpu-memory, or meshes of fewer layers".into(),
                 });
             }

@@ -7,10 +7,10 @@ use crate::scene::RayFrame;
 
 /// Bytes of a texel of a record.
 const TEXEL_BYTES: u64 = 16;
-/// What there is room for at first, per list; what a picture takes more is made room for.
-const CROSSINGS_AT_FIRST: u64 = 4;
+/// What there is room for at first, per pixel; what a picture takes more is made room for.
+const CROSSINGS_AT_FIRST: u64 = 2;
 /// Most pixels along an edge of the cube.
-const MOST_CUBE_EDGE: u32 = 2048;
+const MOST_CUBE_EDGE: u32 = 1024;
 
 /// How large they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +48,7 @@ impl PartsShape {
             records: 0,
         };
         if has_meshes {
-            shape.crossings = shape.lists() * CROSSINGS_AT_FIRST;
+            shape.crossings = shape.pixels() * CROSSINGS_AT_FIRST;
         }
         shape.with_room(shape.crossings, 0)
     }
@@ -100,13 +100,18 @@ impl PartsShape {
         self.records * self.texels / u64::from(PART_RECORDS_WIDE)
     }
 
+    /// Of the largest buffer.
+    pub(super) fn crossing_bytes(&self) -> u64 {
+        self.crossings * size_of::<Crossing>() as u64
+    }
+
     /// On the device.
     pub(super) fn bytes(&self) -> u64 {
         let [width, height] = self.raster_size().map(u64::from);
         width * height
             + self.lists() * 4
             + self.pixels() * 8
-            + self.crossings * size_of::<Crossing>() as u64
+            + self.crossing_bytes()
             + self.records * self.texels * TEXEL_BYTES
     }
 }
@@ -180,7 +185,7 @@ impl PartsTargets {
             heads: buffer("parts.heads", shape.lists() * 4),
             crossings: buffer(
                 "parts.crossings",
-                shape.crossings.max(1) * size_of::<Crossing>() as u64,
+                shape.crossing_bytes().max(size_of::<Crossing>() as u64),
             ),
             words: buffer("parts.words", u64::from(PARTS_WORDS) * 4),
             group: cast_group(gpu, layout, &lists, &records_view),
