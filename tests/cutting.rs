@@ -18,7 +18,7 @@ use std::sync::Arc;
 use brickscope::clip::{
     ClipMesh, CutFaces, Geometry, OrientedBox, Plane, Side, SurfaceMesh, TriangleMesh,
 };
-use brickscope::scene::{PictureSettings, volume_bounds};
+use brickscope::scene::{Background, PictureSettings, volume_bounds};
 use brickscope::volume::VoxelType;
 use compare::{Difference, TWIN_BOUND, coverage, difference};
 use glam::{DMat3, DVec3, Vec3};
@@ -263,7 +263,22 @@ fn places(store: &TestStore) -> Vec<(&'static str, PictureSettings)> {
         ));
         let mut s = whole.clone();
         s.camera.projection = brickscope::camera::Projection::Orthographic;
-        places.push(("parallel rays", s));
+        places.push(("parallel rays", s.clone()));
+        if look == "dvr" {
+            // Parallel rays have a far plane: it lies behind the last mesh, not behind the volume.
+            let ahead = (s.camera.target - s.camera.eye).normalize();
+            let behind = sphere(store, 0.5, ahead * 3.0);
+            s.geometry = Arc::new(Geometry {
+                surfaces: vec![drawn(&behind, [0.9, 0.2, 0.7], 1.0)],
+                ..Geometry::default()
+            });
+            let seen = reference(store, &s)
+                .image
+                .over(Background::Color(Vec3::ZERO));
+            let pink = seen.iter().filter(|p| p[0] > 2.0 * p[1] && p[0] > 0.1);
+            assert!(pink.count() > 100, "the mesh behind shows");
+            places.push(("a mesh behind", s));
+        }
         let mut s = whole.clone();
         // In the mesh that is cut out, of which the near plane takes a part.
         s.camera = scenes::inside(
@@ -311,9 +326,11 @@ fn every_technique_cuts_alike() {
     use brickscope::engine::EngineOptions;
     use brickscope::scene::{ShadingModel, Technique};
     let store = waves(VoxelType::U16);
-    let geometry = everything(&store);
+    let capped = geometries(&store)
+        .into_iter()
+        .find_map(|(kind, g)| (kind == "caps").then_some(g));
     let mut engine = scenes::gpu(&store, EngineOptions::default());
-    // A few slots: rays stop and go on.
+    // A few slots: rays stop and go on, some at a cap.
     let mut tight = scenes::gpu(
         &store,
         EngineOptions {
@@ -321,29 +338,47 @@ fn every_technique_cuts_alike() {
             ..EngineOptions::default()
         },
     );
-    for (look, settings) in looks(&store.store) {
-        if !["dvr", "mip", "pre-integrated", "surfaces"].contains(&look) {
-            continue;
+    for (kind, geometry, of) in [
+        (
+            "everything",
+            everything(&store),
+            &["dvr", "mip", "pre-integrated", "surfaces"][..],
+        ),
+        ("caps", capped.unwrap(), &["dvr", "surfaces"]),
+    ] {
+        for (look, settings) in looks(&store.store) {
+            if !of.contains(&look) {
+                continue;
+            }
+            let look = format!("{kind}, {look}");
+            let mut s = scenes::through_levels(&store, with(&settings, &geometry));
+            s.shading.model = ShadingModel::None;
+            let default = engine.render(&s).unwrap();
+            for technique in Technique::ALL {
+                s.technique = technique;
+                let what = format!("{look}, {}", technique.name());
+                let picture = engine.render(&s).unwrap();
+                let d = difference(&picture.image, &default.image, TWIN_BOUND);
+                println!("{what}: {d}");
+                assert_eq!(d.beyond, 0, "{what}: {d}");
+            }
+            s.technique = Technique::Default;
+            let paged = tight.render(&s).unwrap();
+            println!("{look}: evicted {:?}", paged.stats.bricks_evicted);
+            compare::assert_same_bits(&paged.image, &default.image, &format!("{look}, few slots"));
+            if kind == "caps" {
+                // Where slabs stop and go on, too.
+                s.technique = Technique::Slab;
+                let paged = tight.render(&s).unwrap();
+                let d = difference(&paged.image, &default.image, TWIN_BOUND);
+                assert_eq!(d.beyond, 0, "{look}, few slots, slab: {d}");
+                s.technique = Technique::Default;
+            }
+            engine.set_picture(s.clone());
+            scenes::tick_to_end(&mut engine, &brickscope::engine::TickBudget::default());
+            let ticked = engine.image().unwrap();
+            compare::assert_same_bits(ticked, &default.image, &format!("{look}, by ticks"));
         }
-        let mut s = scenes::through_levels(&store, with(&settings, &geometry));
-        s.shading.model = ShadingModel::None;
-        let default = engine.render(&s).unwrap();
-        for technique in Technique::ALL {
-            s.technique = technique;
-            let what = format!("{look}, {}", technique.name());
-            let picture = engine.render(&s).unwrap();
-            let d = difference(&picture.image, &default.image, TWIN_BOUND);
-            println!("{what}: {d}");
-            assert_eq!(d.beyond, 0, "{what}: {d}");
-        }
-        s.technique = Technique::Default;
-        let paged = tight.render(&s).unwrap();
-        println!("{look}: evicted {:?}", paged.stats.bricks_evicted);
-        compare::assert_same_bits(&paged.image, &default.image, &format!("{look}, few slots"));
-        engine.set_picture(s.clone());
-        scenes::tick_to_end(&mut engine, &brickscope::engine::TickBudget::default());
-        let ticked = engine.image().unwrap();
-        compare::assert_same_bits(ticked, &default.image, &format!("{look}, by ticks"));
     }
 }
 
@@ -584,6 +619,27 @@ fn rays_that_cross_a_hundred_faces_are_cut_as_the_reference_does() {
         }
     }
     assert!(crossed > 64, "{crossed} parts on the ray in the middle");
+
+    // With less memory than the lists of a tile need: in smaller tiles.
+    let mut tight = scenes::gpu(
+        &store,
+        brickscope::engine::EngineOptions {
+            gpu_memory_bytes: Some(96 << 20),
+            ..Default::default()
+        },
+    );
+    let mut s = with(&looks(&store.store)[0].1, &geometry);
+    s.size = [160, 128];
+    let tiled = tight.render(&s).unwrap();
+    assert!(
+        tiled.notes.iter().any(|n| n.contains("smaller tiles")),
+        "{:?}",
+        tiled.notes
+    );
+    assert!(tiled.stats.gpu_bytes.unwrap() <= 96 << 20);
+    let d = difference(&tiled.image, &engine.render(&s).unwrap().image, TWIN_BOUND);
+    println!("in smaller tiles: {d}");
+    assert!(d.beyond <= 40 && d.mean < 1e-4, "in smaller tiles: {d}");
 }
 
 /// A volume 2¹⁵ voxels long, seen along its length: what lies at its far end is where it is, to a hundredth of a voxel, and cut

@@ -674,6 +674,22 @@ fn predicted_bricks_push_out_nothing_that_was_just_used() {
 }
 
 #[test]
+fn a_new_prediction_takes_the_place_of_the_one_before() {
+    let predicted = |i: u32| request(i, RequestClass::Predicted, 1);
+    let mut pager = Pager::new(SlotPool::new(6), ample());
+    let asked = [&missing([0, 3])[..], &[predicted(6), predicted(9)]].concat();
+    pager.begin_frame(&frame(&asked, &[]));
+    pager.predict(&[predicted(3), predicted(9), predicted(12)]);
+    settle(&mut pager, Completion::Decoded);
+    assert_eq!(
+        resident(&pager),
+        [0, 3, 9, 12].into(),
+        "what the frame missed, and what is predicted now"
+    );
+    assert_eq!(pager.statistics().misses, 2, "and nothing else is missed");
+}
+
+#[test]
 fn predicted_bricks_give_way_to_what_is_needed() {
     let mut pager = Pager::new(SlotPool::new(4), ample());
     let predicted = |i: u32| Request {

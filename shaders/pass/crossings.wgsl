@@ -6,6 +6,8 @@ override ORTHOGRAPHIC: bool = false;
 // PANORAMA_*. The raster is that of the six faces of a cube, an instance for each.
 override PANORAMA: u32 = 0u;
 
+const MOST_COUNTED: u32 = 1u << 31u;
+
 struct CrossingVertex {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(flat, either) triangle: u32,
@@ -33,7 +35,8 @@ fn crossings_fragment(vertex: CrossingVertex, @builtin(front_facing) enters: boo
         head = (vertex.face * geometry.cube_edge + pixel.y) * geometry.cube_edge + pixel.x;
         is_inside = true;
     }
-    if is_inside {
+    // Farther the number needn't go: so many there is room for nowhere. Beyond 2^32 it would begin anew.
+    if is_inside && atomicLoad(&part_words[PARTS_CROSSINGS]) < MOST_COUNTED {
         let place = atomicAdd(&part_words[PARTS_CROSSINGS], 1u);
         if place < geometry.most_crossings {
             let next = atomicExchange(&crossing_heads[head], place + 1u);

@@ -43,7 +43,7 @@ impl Camera {
     /// elevation ±90 the up vector is the limit from smaller elevations.
     ///
     /// # Errors
-    /// An angle is not finite, zoom is not positive, or `fov_y_degrees` is not between 0 and 180.
+    /// An angle is not finite, zoom is not positive, or `fov_y_degrees` is not between 0 and 360.
     pub fn orbit(
         bounds: &BoundingSphere,
         azimuth_degrees: f64,
@@ -62,7 +62,8 @@ impl Camera {
         if !(zoom.is_finite() && zoom > 0.0) {
             return Err(CameraError::Zoom(zoom));
         }
-        let fov = check_fov(fov_y_degrees, Projection::Perspective.most_fov_degrees())?;
+        // How rays run may be said later ([`Camera::basis`] checks both together): those of a fisheye look backwards, too.
+        let fov = check_fov(fov_y_degrees, Projection::Fisheye.most_fov_degrees())?;
         let (sin_az, cos_az) = azimuth_degrees.to_radians().sin_cos();
         let (sin_el, cos_el) = elevation_degrees.to_radians().sin_cos();
         let (direction, up) = if cos_el.abs() < POLE_COSINE {
@@ -78,7 +79,9 @@ impl Camera {
                 DVec3::Z,
             )
         };
-        let distance = bounds.radius / (fov * 0.5).sin() / zoom;
+        // Beyond 180 degrees no distance is too small for the sphere to be in view.
+        let half = (fov * 0.5).min(std::f64::consts::FRAC_PI_2);
+        let distance = bounds.radius / half.sin() / zoom;
         Ok(Self {
             eye: bounds.center + direction * distance,
             target: bounds.center,
@@ -174,7 +177,15 @@ mod tests {
         assert!(go(f64::NAN, 0.0, 1.0, 30.0), "NaN azimuth");
         assert!(go(0.0, f64::INFINITY, 1.0, 30.0), "infinite elevation");
         assert!(go(0.0, 0.0, 0.0, 30.0), "zoom 0");
-        assert!(go(0.0, 0.0, 1.0, 180.0), "fov 180");
+        assert!(go(0.0, 0.0, 1.0, 360.0), "fov 360");
+        let wide = Camera::orbit(&SPHERE, 0.0, 0.0, 1.0, 220.0).unwrap();
+        assert!(wide.basis().is_err(), "too wide for perspective");
+        let fisheye = Camera {
+            projection: Projection::Fisheye,
+            ..wide
+        };
+        assert!(fisheye.basis().is_ok(), "not for a fisheye");
+        assert_eq!(fisheye.eye, SPHERE.center + DVec3::Y * 50.0);
     }
 
     #[test]

@@ -150,7 +150,7 @@ pub(super) struct TransferArgs {
     #[arg(long, value_name = "NAME|FILE.json", help_heading = "Classification")]
     tf: Option<String>,
     /// Grey ramp, or the range of a relative preset, physical
-    #[arg(long, value_name = "CENTER,WIDTH", value_parser = args::pair, allow_hyphen_values = true, help_heading = "Classification")]
+    #[arg(long, value_name = "CENTER,WIDTH", value_parser = args::pair, help_heading = "Classification")]
     window: Option<[f64; 2]>,
     /// Length for which the opacity holds [default: the smallest spacing]
     #[arg(long, value_name = "MM", value_parser = args::positive, help_heading = "Classification")]
@@ -230,7 +230,7 @@ pub(super) struct LookArgs {
     mode: ModeArg,
     /// Value of a surface of mode iso, physical (HU for CT), with its colour and opacity; LOW..HIGH bounds an interval.
     /// Repeatable
-    #[arg(long, value_name = "VALUE[:COLOR[:OPACITY]]", value_parser = args::iso_surfaces, allow_hyphen_values = true, help_heading = "Picture")]
+    #[arg(long, value_name = "VALUE[:COLOR[:OPACITY]]", value_parser = args::iso_surfaces, help_heading = "Picture")]
     iso: Vec<IsoSurfaces>,
     /// Rays of a pixel: 1, 2, 4, 4r (rotated grid) or 8; more than 1 means --aa full unless --aa says otherwise
     #[arg(long, value_name = "N", value_parser = args::sample_pattern, help_heading = "Picture")]
@@ -255,7 +255,7 @@ pub(super) struct LookArgs {
     #[arg(long, value_enum, help_heading = "Light")]
     shading: Option<ShadingArg>,
     /// Direction in which the light shines, world [default: along each ray]
-    #[arg(long, value_name = "dx,dy,dz", value_parser = args::vec3, allow_hyphen_values = true, help_heading = "Light")]
+    #[arg(long, value_name = "dx,dy,dz", value_parser = args::vec3, help_heading = "Light")]
     light: Option<DVec3>,
     /// Share of the colour that needs no light
     #[arg(long, value_parser = args::not_negative, help_heading = "Light")]

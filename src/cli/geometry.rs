@@ -16,10 +16,10 @@ use crate::scene::IsoSurface;
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct GeometryArgs {
     /// Keep the half space n·x + d ≥ 0, world mm (repeatable; all cuts together keep what each of them keeps)
-    #[arg(long, value_name = "nx,ny,nz,d", value_parser = plane, allow_hyphen_values = true, help_heading = "Clipping and geometry")]
+    #[arg(long, value_name = "nx,ny,nz,d", value_parser = plane, help_heading = "Clipping and geometry")]
     clip_plane: Vec<Plane>,
     /// Keep the inside of a box between two corners, world mm
-    #[arg(long, value_name = "x0,y0,z0,x1,y1,z1", value_parser = clip_box, allow_hyphen_values = true, help_heading = "Clipping and geometry")]
+    #[arg(long, value_name = "x0,y0,z0,x1,y1,z1", value_parser = clip_box, help_heading = "Clipping and geometry")]
     clip_box: Option<OrientedBox>,
     /// Keep what is inside (or outside) a closed mesh: STL, PLY or OBJ, world mm (repeatable)
     #[arg(long, value_name = "FILE[:inside|outside]", value_parser = clip_mesh, help_heading = "Clipping and geometry")]
@@ -103,6 +103,9 @@ fn mesh(s: &str) -> Result<MeshArg, String> {
                     format!("'{s}': expected an opacity above 0 and at most 1 behind the colour")
                 })?;
                 with(path, args::color(color)?, opacity)
+            }
+            (_, Err(error)) if !Path::new(s).exists() && Path::new(front).exists() => {
+                return Err(format!("'{s}': behind the file: {error}"));
             }
             _ => with(s, IsoSurface::DEFAULT_COLOR, 1.0),
         },

@@ -14,7 +14,7 @@ use std::ffi::OsString;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// A renderer for volumes larger than GPU memory.
 #[derive(Debug, Parser)]
@@ -60,7 +60,7 @@ pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
         crate::outfile::remove_unfinished();
         std::process::exit(130);
     });
-    let cli = match Cli::try_parse_from(argv) {
+    let cli = match parse(argv) {
         Ok(cli) => cli,
         Err(error) => {
             // Clap prints help to stdout (exit 0) and usage errors to stderr (exit 2).
@@ -88,6 +88,23 @@ pub fn main<I: IntoIterator<Item = OsString>>(argv: I) -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// What was typed. Values that begin with a minus are values (cli.md).
+fn parse<I: IntoIterator<Item = OsString>>(argv: I) -> Result<Cli, clap::Error> {
+    let mut command = with_minus_values(Cli::command());
+    let matches = command.try_get_matches_from_mut(argv)?;
+    Cli::from_arg_matches(&matches).map_err(|e| e.format(&mut command))
+}
+
+fn with_minus_values(command: clap::Command) -> clap::Command {
+    command
+        .mut_args(|arg| {
+            // Not where no flag stands before it: a misspelt flag would be taken for a store.
+            let is_flag = arg.get_long().is_some() && arg.get_action().takes_values();
+            arg.allow_hyphen_values(is_flag)
+        })
+        .mut_subcommands(with_minus_values)
 }
 
 /// True when the reader of our standard output went away: not an error (cli.md).

@@ -15,19 +15,19 @@ use crate::store::StoreMeta;
 #[derive(Clone, Debug, clap::Args)]
 struct CameraArgs {
     /// Position of the camera, world mm (RAS+)
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, conflicts_with_all = ["orbit", "camera"], help_heading = "Camera")]
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, conflicts_with_all = ["orbit", "camera"], help_heading = "Camera")]
     eye: Option<DVec3>,
     /// What the camera looks at, world mm [default: the volume's centre]
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, requires = "eye", help_heading = "Camera")]
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, requires = "eye", help_heading = "Camera")]
     target: Option<DVec3>,
     /// What is up in the picture [default: 0,0,1]
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true, requires = "eye", help_heading = "Camera")]
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, requires = "eye", help_heading = "Camera")]
     up: Option<DVec3>,
     /// Vertical field of view, degrees [default: 30]
     #[arg(long, value_name = "DEGREES", value_parser = args::positive, conflicts_with = "camera", help_heading = "Camera")]
     fov: Option<f64>,
     /// Camera on a sphere about the volume: 0,0 is the anterior view, 90,0 the patient's left [default: 0,0,1]
-    #[arg(long, value_name = "AZ,EL[,ZOOM]", value_parser = args::orbit, allow_hyphen_values = true, conflicts_with = "camera", help_heading = "Camera")]
+    #[arg(long, value_name = "AZ,EL[,ZOOM]", value_parser = args::orbit, conflicts_with = "camera", help_heading = "Camera")]
     orbit: Option<[f64; 3]>,
     /// Camera from a file
     #[arg(long, value_name = "FILE.json", help_heading = "Camera")]

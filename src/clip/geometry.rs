@@ -122,7 +122,12 @@ impl Geometry {
 
     /// Is there nothing that cuts and nothing to draw?
     pub fn is_empty(&self) -> bool {
-        self.planes.is_empty() && self.clip_meshes.is_empty() && self.surfaces.is_empty()
+        self.planes.is_empty() && !self.has_meshes()
+    }
+
+    /// Is there a mesh, be it one that cuts or one to draw?
+    pub fn has_meshes(&self) -> bool {
+        !(self.clip_meshes.is_empty() && self.surfaces.is_empty())
     }
 
     /// The part of the ray that all planes keep, mm, from `near_mm`; the plane that it begins at. Empty when the first is not

@@ -110,6 +110,15 @@ impl Engine {
         }
     }
 
+    /// "gpu" or "cpu".
+    pub fn device_kind(&self) -> &'static str {
+        match &self.device {
+            Device::Cpu(_) => "cpu",
+            #[cfg(feature = "gpu")]
+            Device::Gpu(_) => "gpu",
+        }
+    }
+
     /// Is the processor what draws, be it as a graphics adapter in software? Its clock then tells what pictures cost.
     pub fn draws_on_processor(&self) -> bool {
         match &self.device {
@@ -127,6 +136,40 @@ impl Engine {
             #[cfg(feature = "gpu")]
             Device::Gpu(_) => true,
         }
+    }
+
+    /// Does it load ahead what [`Self::predict`] names? The CPU reads what a picture needs while it draws.
+    pub fn loads_ahead(&self) -> bool {
+        match &self.device {
+            Device::Cpu(_) => false,
+            #[cfg(feature = "gpu")]
+            Device::Gpu(_) => true,
+        }
+    }
+
+    /// Would the settings make a picture from each of the cameras? Draws nothing, and can't foresee what the device refuses.
+    ///
+    /// # Errors
+    /// They make none.
+    pub fn check(
+        &self,
+        settings: &PictureSettings,
+        cameras: impl IntoIterator<Item = Camera>,
+    ) -> Result<(), EngineError> {
+        let mut classified = false;
+        for camera in cameras {
+            let rays = sample_grid(&self.store, settings, &camera)?;
+            if !classified {
+                Classified::new(
+                    settings,
+                    self.store.meta(),
+                    &rays,
+                    &SegmentTables::default(),
+                )?;
+                classified = true;
+            }
+        }
+        Ok(())
     }
 
     /// Sets the slabs of technique slab anew (as in [`EngineOptions`]).
@@ -219,9 +262,9 @@ impl Engine {
     }
 
     /// Says from where the next moving pictures of `settings` will be taken, the next one first; takes the place of what was
-    /// said before. From the next [`Self::draw_moving`] on, [`Self::page`] loads what they will probably need behind what
-    /// is missing: it takes no slot from what the last frame was drawn from, and delays nothing that is needed. A camera
-    /// that was named the last time costs nothing. Without cameras: nothing is predicted. On the CPU of no effect.
+    /// said before. [`Self::page`] then loads what they will probably need behind what the last frame missed: it takes no
+    /// slot from what that was drawn from, and delays nothing that is needed. A camera that was named the last time costs
+    /// nothing. Without cameras: nothing is predicted. On the CPU of no effect.
     ///
     /// # Errors
     /// The settings make no picture from one of the cameras.
@@ -304,6 +347,17 @@ fn prepare(
     known: &SegmentTables,
     settings: &PictureSettings,
 ) -> Result<(RayFrame, Classified), SceneError> {
+    let rays = sample_grid(store, settings, &settings.camera)?;
+    let classified = Classified::new(settings, store.meta(), &rays, known)?;
+    Ok((rays, classified))
+}
+
+/// The sample grid of a picture from `camera`.
+fn sample_grid(
+    store: &Store,
+    settings: &PictureSettings,
+    camera: &Camera,
+) -> Result<RayFrame, SceneError> {
     let meta = store.meta();
     let params = GridParams {
         dims: meta.dims,
@@ -313,7 +367,5 @@ fn prepare(
         step: settings.step,
         jitter: settings.jitter,
     };
-    let rays = RayFrame::new(&settings.camera, settings.size, &params)?;
-    let classified = Classified::new(settings, meta, &rays, known)?;
-    Ok((rays, classified))
+    RayFrame::new(camera, settings.size, &params)
 }

@@ -28,4 +28,14 @@ pub enum GpuError {
         limited_by: String,
         remedy: String,
     },
+    #[error(
+        "{crossings} crossings of rays and meshes in a tile of {pixels} pixels need {needed} bytes, but {limit} is all that \
+         there is for them"
+    )]
+    TooManyCrossings {
+        crossings: u64,
+        pixels: u64,
+        needed: u64,
+        limit: u64,
+    },
 }

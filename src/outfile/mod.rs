@@ -140,6 +140,22 @@ fn folder_of(dest: &Path) -> &Path {
     }
 }
 
+/// Are both names of one place, be it there yet or not?
+pub fn is_same_place(a: &Path, b: &Path) -> bool {
+    let place = |path: &Path| {
+        let whole = path.canonicalize().ok();
+        whole.or_else(|| Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?)))
+    };
+    a == b || place(a).is_some_and(|a| Some(a) == place(b))
+}
+
+/// The first two of `paths` that are one place.
+pub fn find_same<'a>(paths: &[&'a Path]) -> Option<[&'a Path; 2]> {
+    let pairs = paths.iter().enumerate();
+    let mut pairs = pairs.flat_map(|(n, &a)| paths[n + 1..].iter().map(move |&b| [a, b]));
+    pairs.find(|[a, b]| is_same_place(a, b))
+}
+
 /// May a file be written at `dest`? Its folder.
 fn check_dest(dest: &Path, existing: Existing) -> Result<&Path, OutFileError> {
     if dest.is_dir() {
@@ -213,6 +229,22 @@ mod tests {
     use std::io::Write;
 
     use super::*;
+
+    #[test]
+    fn one_place_has_many_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name);
+        std::fs::write(path("there.png"), "").unwrap();
+        for [a, b] in [["there.png", "./there.png"], ["new.png", "./new.png"]] {
+            assert!(is_same_place(&path(a), &path(b)), "{a} and {b}");
+        }
+        for [a, b] in [["there.png", "new.png"], ["no/new.png", "new.png"]] {
+            assert!(!is_same_place(&path(a), &path(b)), "{a} and {b}");
+        }
+        let [a, b, c] = ["x.png", "y.png", "./x.png"].map(path);
+        assert_eq!(find_same(&[&a, &b, &c]), Some([&*a, &*c]));
+        assert_eq!(find_same(&[&a, &b]), None);
+    }
 
     #[test]
     fn appears_only_when_committed() {

@@ -210,6 +210,15 @@ impl Pager {
         self.want();
     }
 
+    /// Other predicted bricks take the place of those that the last frame asked for; what it needs stays.
+    pub fn predict(&mut self, requests: &[Request]) {
+        self.asked.retain(|_, p| p.class != RequestClass::Predicted);
+        for request in requests {
+            self.asked.entry(request.brick).or_insert(request.priority);
+        }
+        self.want();
+    }
+
     /// One step: takes what finished, gives slots to what is in host memory, and orders loads, all within the budget.
     ///
     /// # Panics

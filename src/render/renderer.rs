@@ -120,9 +120,13 @@ impl Renderer {
         PartsPass::bytes_for(geometry, rays, tile)
     }
 
-    /// Bytes that what rays cross, and the parts that they are cut to, may take.
-    pub fn set_most_parts_bytes(&mut self, bytes: u64) {
-        self.parts.most_bytes = bytes;
+    /// Bytes that what rays cross, and the parts that they are cut to, may take; `None`: nothing is cut, and what is there of
+    /// the last picture's geometry goes.
+    pub fn set_most_parts_bytes(&mut self, bytes: Option<u64>) {
+        self.parts.most_bytes = bytes.unwrap_or(0);
+        if bytes.is_none() {
+            self.parts.drop_targets();
+        }
     }
 
     /// Bytes of the tables of integrals of a pre-integrated picture.

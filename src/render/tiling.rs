@@ -3,14 +3,19 @@
 use glam::UVec3;
 
 use super::frame::Tile;
-use super::passes::{RaycastPass, RaycastTargets};
+use super::passes::{PartsPass, RaycastPass, RaycastTargets};
 use super::renderer::Renderer;
 use super::several::Flow;
 use crate::geom::morton;
-use crate::scene::{SlabShape, Technique};
+use crate::scene::{PictureSettings, SlabShape, Technique};
 
 /// Greatest width and height of a tile, pixels: 2²⁰ rays.
 pub const TILE_EDGE: u32 = 1024;
+
+/// Tiles are not halved below 64 by 64 pixels.
+const LEAST_TILE_EDGE: u32 = 64;
+/// Pixels of the smallest tile that others are halved to.
+pub const LEAST_TILE_PIXELS: u64 = (LEAST_TILE_EDGE as u64).pow(2);
 
 /// Bytes per pixel of a tile: what the caster has, and three depths.
 const BYTES_PER_PIXEL: u64 = RaycastTargets::BYTES_PER_PIXEL + 3 * 4;
@@ -20,18 +25,18 @@ const BYTES_PER_PIXEL: u64 = RaycastTargets::BYTES_PER_PIXEL + 3 * 4;
 pub type PixelList<'a> = Option<&'a [u32]>;
 
 impl Renderer {
-    /// The tiles that pictures of `size` are cut into when per-pixel buffers may take `budget_bytes`.
-    pub fn tile_size(size: [u32; 2], technique: Technique, budget_bytes: u64) -> [u32; 2] {
-        let bytes_per_pixel = BYTES_PER_PIXEL + Flow::bytes_per_pixel(technique);
-        let mut tile = size.map(|s| s.min(TILE_EDGE));
-        while u64::from(tile[0]) * u64::from(tile[1]) * bytes_per_pixel > budget_bytes
-            && tile != [64, 64]
+    /// The tiles that pictures are cut into when per-pixel buffers may take `budget_bytes`, of at most `most_pixels` pixels.
+    pub fn tile_size(settings: &PictureSettings, budget_bytes: u64, most_pixels: u64) -> [u32; 2] {
+        let bytes_per_pixel = BYTES_PER_PIXEL
+            + Flow::bytes_per_pixel(settings.technique)
+            + PartsPass::bytes_per_pixel(&settings.geometry);
+        let most_pixels = most_pixels.min(budget_bytes / bytes_per_pixel);
+        let mut tile = settings.size.map(|s| s.min(TILE_EDGE));
+        while u64::from(tile[0]) * u64::from(tile[1]) > most_pixels
+            && tile.iter().any(|&t| t > LEAST_TILE_EDGE)
         {
             let longer = usize::from(tile[1] > tile[0]);
-            tile[longer] = (tile[longer] / 2).max(64);
-            if tile.iter().all(|&t| t <= 64) {
-                break;
-            }
+            tile[longer] = (tile[longer] / 2).max(LEAST_TILE_EDGE);
         }
         tile
     }

@@ -246,6 +246,15 @@ mod tests {
             );
             assert_eq!((front.share(1), back.share(3)), (1.0, 1.0));
         }
+        // Where a cut lies between the sample in front and the layer, the part behind takes none that was cut away.
+        let begun = |since_mm| RayPart {
+            since_mm,
+            ..part(2.7, 9.0, true, false)
+        };
+        for (since_mm, first) in [(2.0, 2), (2.4, 3)] {
+            let samples = begun(since_mm).samples(0.0, 1.0, Contribution::Segment);
+            assert_eq!(samples.first, first, "kept from {since_mm}");
+        }
         let value = part(0.0, 2.3, false, true).samples(0.0, 1.0, Contribution::Value);
         let next = part(2.3, 9.0, true, false).samples(0.0, 1.0, Contribution::Value);
         assert_eq!((value.last, next.first), (2, 3), "values are taken once");

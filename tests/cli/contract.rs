@@ -202,19 +202,49 @@ fn numbers_below_zero_are_values() {
         &["--orbit=-30,-20,1.5"],
         &["--window", "-100,50"],
         &["--light", "-1,-1,0"],
+        &["--clip-plane", "-1,0,0,20"],
         &["--mode", "iso", "--iso", "-5"],
     ] {
         let run = folder.run(&[&base[..], more].concat());
         assert_eq!(run.code, Some(0), "{more:?}: {}", run.stderr);
     }
-    let run = folder
-        .run(&["extract", store, "-o", "x.raw", "--box", "-1,0,0,4,4,4"])
-        .expect(2);
+    for (args, value) in [
+        (
+            &["extract", store, "-o", "x.raw", "--box", "-1,0,0,4,4,4"][..],
+            "'-1,0,0,4,4,4'",
+        ),
+        (
+            &["render", store, "-o", "p.png", "--step", "-0.5"],
+            "'-0.5'",
+        ),
+        (&["render", store, "-o", "p.png", "--near", "-1"], "'-1'"),
+        (
+            &["render", store, "-o", "p.png", "--size", "-4x4"],
+            "'-4x4'",
+        ),
+        (
+            &["render", store, "-o", "p.png", "--mesh", "-a.stl"],
+            "-a.stl",
+        ),
+    ] {
+        let run = folder.run(args).expect(2);
+        assert!(
+            run.stderr.contains(value),
+            "taken as a value, and refused: {}",
+            run.stderr
+        );
+    }
+    let misspelt = folder.run(&["info", store, "--jsno"]).expect(2);
     assert!(
-        run.stderr.contains("'-1,0,0,4,4,4'"),
-        "taken as a value, and refused: {}",
-        run.stderr
+        misspelt.stderr.contains("unexpected"),
+        "{}",
+        misspelt.stderr
     );
+    // More than half of all directions, seen from the default place.
+    let fisheye = ["--projection", "fisheye", "--fov", "220"];
+    folder.run(&[&base[..], &fisheye].concat()).expect(0);
+    let refused = folder.run(&[&base[..], &fisheye[2..]].concat()).expect(2);
+    assert!(refused.stderr.contains("220"), "{}", refused.stderr);
 }
 
 #[test]

@@ -142,17 +142,66 @@ fn a_folder_is_gone_on_with_and_another_flight_refused() {
             "{more:?}: nothing is touched"
         );
     }
+    // What makes no picture removes none.
+    for more in [
+        &["--force", "--mode", "iso"][..],
+        &["--force", "--tf", "nowhere"],
+        &["--force", "--lod", "9"],
+    ] {
+        let without_mode = [&args("film", more)[..12], more].concat();
+        let refused = folder.run(&without_mode).expect(2);
+        assert!(
+            frames(&folder, "film") == whole,
+            "{more:?}: {}",
+            refused.stderr
+        );
+    }
     fly(&folder, "film", &["--seconds", "1", "--force"]).expect(0);
     assert_eq!(frames(&folder, "film").len(), 3, "all frames anew");
+}
+
+#[test]
+fn what_would_be_written_twice_is_refused() {
+    let folder = prepared();
+    fly(&folder, "film", &["--seconds", "0.3"]).expect(0);
+    for stats in ["film/fly.json", "film/frame-00000.png", "./film"] {
+        let refused = fly(&folder, "film", &["--stats", stats]).expect(2);
+        assert!(refused.stderr.contains(stats), "{}", refused.stderr);
+    }
+    fly(
+        &folder,
+        "film",
+        &["--seconds", "0.3", "--stats", "film/s.json"],
+    )
+    .expect(0);
+    let stats = fs::read(folder.file("film/s.json")).expect("statistics");
+    let stats: Value = serde_json::from_slice(&stats).expect("JSON");
+    assert_eq!(stats["device"], "cpu");
+    let refused = fly(&folder, "no/film", &[]).expect(2);
+    assert!(
+        refused.stderr.contains("make it first"),
+        "{}",
+        refused.stderr
+    );
+    let render = ["render", "body.bsk", "-o", "p.png", "--depth", "./p.png"];
+    let refused = folder.run(&render).expect(2);
+    assert!(refused.stderr.contains("one file"), "{}", refused.stderr);
+    assert!(!folder.file("p.png").exists());
 }
 
 #[test]
 fn in_real_time_every_slot_has_a_frame() {
     let folder = prepared();
     let more = ["--realtime", "--json", "--stats", "s.json"];
-    let json = fly(&folder, "film", &more).expect(0).stdout;
+    let run = fly(&folder, "film", &more).expect(0);
+    assert!(run.stderr.contains("loaded ahead"), "{}", run.stderr);
+    let json = run.stdout;
     let report: Value = serde_json::from_str(&json).expect("JSON");
     let realtime = &report["realtime"];
+    assert_eq!(realtime["prefetch"], false, "the CPU has none");
+    let lods = realtime["lods"].as_object().expect("levels");
+    let on_levels: u64 = lods.values().filter_map(Value::as_u64).sum();
+    assert_eq!(Some(on_levels), report["drawn"].as_u64(), "{json}");
     assert_eq!(report["frames"], 6);
     assert_eq!(realtime["missing_frames"], 0, "the CPU waits for bricks");
     let (drawn, dropped) = (&report["drawn"], &realtime["dropped_frames"]);

@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 
 use super::curve::Curve;
 use super::error::CameraPathError;
-use super::keys::{CameraPath, KeyFrame};
+use super::keys::{CameraPath, KeyFrame, LEAST_STEP_SECONDS};
 use crate::camera::pose::Projection;
 
 /// How long a flight takes when nothing is said, seconds.
@@ -62,8 +62,12 @@ impl Flight {
         let mut keys: Vec<KeyFrame> = Vec::with_capacity(points.len());
         let mut frame: Option<Frame> = None;
         for ((&eye, &s), &ahead) in points.iter().zip(curve.lengths_mm()).zip(ahead_mm) {
-            // A point given twice is one place to be, not two.
-            if keys.last().is_some_and(|k| k.t >= seconds * (s / length)) {
+            // A point given twice is one place to be, not two; so are points that are passed in no time.
+            let t = seconds * (s / length);
+            if keys
+                .last()
+                .is_some_and(|k| t - k.t < 2.0 * LEAST_STEP_SECONDS)
+            {
                 continue;
             }
             let tangent = curve.tangent(s);
@@ -84,7 +88,7 @@ impl Flight {
             }
             let forward = (target - eye).normalize();
             keys.push(KeyFrame {
-                t: seconds * (s / length),
+                t,
                 eye,
                 target,
                 up: DQuat::from_rotation_arc(tangent, forward) * here.up,
@@ -193,6 +197,14 @@ mod tests {
             3,
             "a point given twice is one key"
         );
+        let near = [
+            DVec3::ZERO,
+            DVec3::X,
+            DVec3::X * (1.0 + 1e-8),
+            DVec3::X * 2.0,
+        ];
+        let near = flight.along(&near, &[5.0; 4]).unwrap();
+        assert_eq!(near.keys().len(), 3, "nor is one beside it");
         let slow = Flight {
             seconds: f64::NAN,
             ..flight

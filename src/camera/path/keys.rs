@@ -11,7 +11,7 @@ use crate::camera::pose::{Camera, Projection};
 /// Farthest coordinate and time: beyond them differences lose their meaning in f64.
 const FARTHEST: f64 = 1e9;
 /// Least time between two keys, seconds.
-const LEAST_STEP_SECONDS: f64 = 1e-6;
+pub(super) const LEAST_STEP_SECONDS: f64 = 1e-6;
 
 /// A camera and when it is there.
 #[derive(Clone, Copy, Debug, PartialEq)]

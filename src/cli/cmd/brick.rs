@@ -23,7 +23,7 @@ use crate::volume::{StoredType, VoxelSource, VoxelType};
     brickscope brick large.nrrd -o large.bsk --resume")]
 pub struct Args {
     /// The volume: a file (found out by its content), or phantom:NAME:X,Y,Z[:TYPE]
-    #[arg(value_name = "INPUT", allow_hyphen_values = true)]
+    #[arg(value_name = "INPUT")]
     input: String,
 
     /// The store to write
@@ -87,7 +87,7 @@ pub struct Args {
     endian: Option<Endian>,
 
     /// Raw input: distance of voxels in millimetres [default: 1,1,1]
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, requires = "dims", allow_hyphen_values = true, help_heading = "Raw input")]
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, requires = "dims", help_heading = "Raw input")]
     spacing: Option<DVec3>,
 
     /// Raw input: bytes before the first voxel [default: 0]

@@ -34,7 +34,7 @@ pub struct Args {
     level: u8,
 
     /// Only the voxels from x0,y0,z0 up to, but without, x1,y1,z1, in voxels of the level
-    #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", value_parser = args::voxel_box, allow_hyphen_values = true)]
+    #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", value_parser = args::voxel_box)]
     voxels: Option<VoxelBox>,
 }
 

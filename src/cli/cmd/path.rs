@@ -8,6 +8,8 @@ use std::str::FromStr;
 use glam::DVec3;
 use serde_json::{Value, json};
 
+use super::progress::Bar;
+use crate::bricking::Progress;
 use crate::camera::{CameraPath, FLIGHT_FOV_Y_DEGREES, FLIGHT_SECONDS, Flight};
 use crate::cli::args::{self, ByteSize};
 use crate::geom::Lod;
@@ -26,15 +28,15 @@ pub struct Args {
     store: PathBuf,
 
     /// A point of the lumen where the way begins, world millimetres (RAS+)
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, allow_hyphen_values = true)]
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3)]
     from: DVec3,
 
     /// Where it leads: a point of the lumen, or the farthest one
-    #[arg(long, value_name = "x,y,z|farthest", allow_hyphen_values = true)]
+    #[arg(long, value_name = "x,y,z|farthest")]
     to: To,
 
     /// Physical values of the lumen, both included
-    #[arg(long, value_name = "LOW,HIGH", value_parser = args::pair, allow_hyphen_values = true)]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = args::pair)]
     lumen: [f64; 2],
 
     /// The path to write (.json); an existing one is replaced
@@ -88,16 +90,18 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     drop(OutFile::create(&args.output, Existing::Replace)?);
     let store = Store::open(&args.store)?;
     let [low, high] = args.lumen;
-    let line = centerline(
-        &store,
-        &CenterlineRequest {
-            from: args.from,
-            to: args.to.0,
-            low,
-            high,
-            memory_bytes: args.memory.0,
-        },
-    )?;
+    let request = CenterlineRequest {
+        from: args.from,
+        to: args.to.0,
+        low,
+        high,
+        memory_bytes: args.memory.0,
+    };
+    let bar = Bar::default();
+    bar.begin_unmeasured("finding the way");
+    let line = centerline(&store, &request);
+    bar.end();
+    let line = line?;
     let seconds = match args.speed {
         Some(speed) => line.length_mm() / speed,
         None => args.seconds.unwrap_or(FLIGHT_SECONDS),

@@ -25,6 +25,11 @@ impl Bar {
         self.begin_with(template, what, total);
     }
 
+    /// Begins what nobody knows the end of.
+    pub(super) fn begin_unmeasured(&self, what: &str) {
+        self.begin_with("{spinner} {msg}  {elapsed}", what, 0);
+    }
+
     fn begin_with(&self, template: &str, what: &str, total: u64) {
         if !io::stderr().is_terminal() {
             return;

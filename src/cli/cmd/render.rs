@@ -10,7 +10,7 @@ use anyhow::{Context, bail};
 use crate::cli::picture::PictureArgs;
 use crate::engine::{Engine, Picture};
 use crate::export::{write_depth_png, write_exr, write_png};
-use crate::outfile::{Existing, OutFile, write_whole};
+use crate::outfile::{Existing, OutFile, find_same, write_whole};
 use crate::scene::Background;
 use crate::store::Store;
 
@@ -49,9 +49,18 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     for path in std::iter::once(&args.output).chain(depths.into_iter().flatten()) {
         format_of(path)?;
     }
-    // Before minutes of work: can the files be written at all?
     let others = depths.into_iter().chain([&args.stats]).flatten();
-    for path in std::iter::once(&args.output).chain(others) {
+    let files = std::iter::once(&args.output).chain(others);
+    let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
+    if let Some([a, b]) = find_same(&files) {
+        bail!(
+            "{} and {} are one file, and two things would be written to it; give each its own name",
+            a.display(),
+            b.display()
+        );
+    }
+    // Before minutes of work: can the files be written at all?
+    for path in files {
         drop(OutFile::create(path, Existing::Replace)?);
     }
     let store = Arc::new(Store::open(&args.store)?);

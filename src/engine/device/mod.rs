@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 use super::{EngineError, EngineOptions, PageReport, Picture, StandIns, TickBudget};
 use crate::camera::Camera;
 use crate::classify::SegmentTables;
+use crate::clip::Geometry;
 use crate::geom::{BrickGrid, Lod};
 use crate::gpu::layout::MAX_LEVELS;
 use crate::gpu::{AdapterChoice, GpuContext, GpuError};
@@ -67,6 +68,8 @@ pub(super) struct GpuDevice {
     budget_bytes: u64,
     /// What the last picture asked of the device.
     attempted_bytes: u64,
+    /// The last picture's geometry, and the most pixels that its tiles may have: less once rays crossed it too often.
+    cut_by: Option<(Arc<Geometry>, u64)>,
 }
 
 impl GpuDevice {
@@ -102,6 +105,7 @@ impl GpuDevice {
             foresight: Foresight::default(),
             budget_bytes,
             attempted_bytes: 0,
+            cut_by: None,
         })
     }
 
@@ -159,9 +163,14 @@ impl GpuDevice {
             store,
             tables,
             foresight,
+            volume,
             ..
         } = self;
-        foresight.look(store, tables, settings, cameras)
+        foresight.look(store, tables, settings, cameras)?;
+        if let Some(volume) = volume {
+            volume.predict(&foresight.requests(volume.capacity()));
+        }
+        Ok(())
     }
 
     /// See [`super::Engine::page`].
@@ -218,7 +227,8 @@ impl GpuDevice {
         }
     }
 
-    /// Where the device has not the memory: half of it, and a note that says so. Other errors stay errors.
+    /// Where the device has not the memory: half of it, or of the pixels of a tile, and a note that says so. Other errors stay
+    /// errors.
     fn with_less(&mut self, error: EngineError) -> Result<String, EngineError> {
         match error {
             EngineError::Gpu(GpuError::OutOfMemory { doing, .. })
@@ -230,6 +240,12 @@ impl GpuDevice {
                     "{doing}: the adapter gave no {} bytes; going on with at most {}",
                     self.attempted_bytes, self.budget_bytes
                 ))
+            }
+            EngineError::Gpu(GpuError::TooManyCrossings { pixels, .. }) => {
+                if let Some((_, most_pixels)) = &mut self.cut_by {
+                    *most_pixels = pixels / 2;
+                }
+                Ok(format!("{error}; drawing smaller tiles, more slowly"))
             }
             other => Err(other),
         }
@@ -272,7 +288,11 @@ impl GpuDevice {
 
     /// The tiles of a picture.
     fn tile(&self, settings: &PictureSettings) -> [u32; 2] {
-        Renderer::tile_size(settings.size, settings.technique, self.budget_bytes / 4)
+        let most_pixels = match &self.cut_by {
+            Some((geometry, pixels)) if Arc::ptr_eq(geometry, &settings.geometry) => *pixels,
+            _ => u64::MAX,
+        };
+        Renderer::tile_size(settings, self.budget_bytes / 4, most_pixels)
     }
 
     /// What the pictures need, worked out here and now.
@@ -384,16 +404,19 @@ impl GpuDevice {
     fn reserve_for_geometry(&mut self, plan: &PicturePlan, tile: [u32; 2]) -> u64 {
         let geometry = &plan.settings.geometry;
         if geometry.is_empty() {
+            self.renderer.set_most_parts_bytes(None);
             return 0;
         }
+        if !matches!(&self.cut_by, Some((g, _)) if Arc::ptr_eq(g, geometry)) {
+            self.cut_by = Some((Arc::clone(geometry), u64::MAX));
+        }
         let [itself, least] = Renderer::geometry_bytes(geometry, &plan.rays, tile);
-        let has_meshes = itself > 0;
-        let most = if has_meshes {
+        let most = if geometry.has_meshes() {
             (2 * least).max(self.budget_bytes / 8)
         } else {
             least
         };
-        self.renderer.set_most_parts_bytes(most);
+        self.renderer.set_most_parts_bytes(Some(most));
         itself + most
     }
 

@@ -307,6 +307,16 @@ impl PagedVolume {
             let all = asked.chain(frame.held.iter().copied());
             waits.wanted(all.filter(|&brick| self.pager.slot(brick).is_none()));
         }
+        self.cancel_unwanted();
+    }
+
+    /// Other predicted bricks take the place of those that the last frame asked for.
+    pub(super) fn predict(&mut self, requests: &[Request]) {
+        self.pager.predict(requests);
+        self.cancel_unwanted();
+    }
+
+    fn cancel_unwanted(&mut self) {
         let unwanted = self.pager.unwanted_orders();
         let unwanted: Vec<BrickId> = unwanted.chain(self.pager.yielding_orders()).collect();
         for brick in unwanted {

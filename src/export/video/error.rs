@@ -22,6 +22,8 @@ pub enum VideoError {
         doing: &'static str,
         error: io::Error,
     },
+    #[error("{}: the folder around it does not exist; make it first", .0.display())]
+    NoFolder(PathBuf),
     #[error("{}: is a file; expected a folder for the frames, or a name that ends in .mp4", .0.display())]
     IsFile(PathBuf),
     #[error(

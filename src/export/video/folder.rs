@@ -3,6 +3,7 @@
 //! Every file appears only when it is complete, so that a run that was interrupted can be gone on with: what is there
 //! stays. It stays only if it is of the same film; otherwise the run is refused by what differs.
 
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -53,7 +54,10 @@ impl PngFolder {
             return Err(VideoError::IsFile(folder.to_owned()));
         }
         if !folder.is_dir() {
-            fs::create_dir(folder).map_err(failed(folder, "make the folder"))?;
+            fs::create_dir(folder).map_err(|error| match error.kind() {
+                io::ErrorKind::NotFound => VideoError::NoFolder(folder.to_owned()),
+                _ => failed(folder, "make the folder")(error),
+            })?;
         }
         let frames = frames_in(folder)?;
         match earlier {
@@ -115,15 +119,23 @@ fn frames_in(folder: &Path) -> Result<Vec<PathBuf>, VideoError> {
     let mut frames = Vec::new();
     for entry in fs::read_dir(folder).map_err(failed(folder, "read the folder"))? {
         let entry = entry.map_err(failed(folder, "read the folder"))?;
-        let name = entry.file_name();
-        let number = name
-            .to_str()
-            .and_then(|n| n.strip_prefix("frame-")?.strip_suffix(".png"));
-        if number.is_some_and(|n| n.len() >= 5 && n.bytes().all(|b| b.is_ascii_digit())) {
+        if is_frame(&entry.file_name()) {
             frames.push(entry.path());
         }
     }
     Ok(frames)
+}
+
+fn is_frame(name: &OsStr) -> bool {
+    let number = name
+        .to_str()
+        .and_then(|n| n.strip_prefix("frame-")?.strip_suffix(".png"));
+    number.is_some_and(|n| n.len() >= 5 && n.bytes().all(|b| b.is_ascii_digit()))
+}
+
+/// Is a file of that name one that a [`PngFolder`] writes?
+pub fn is_of_folder(name: &OsStr) -> bool {
+    name == JOB_FILE || is_frame(name)
 }
 
 /// Refuses a folder whose frames are not of `job`.

@@ -2,7 +2,7 @@
 //! `h264`; OpenH264 built from source is not covered by Cisco's patent licence (README).
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 
 use muxide::api::{Muxer, MuxerBuilder, MuxerError, VideoCodec};
 use openh264::OpenH264API;
@@ -110,12 +110,16 @@ impl FrameSink for BuiltIn {
     }
 
     fn finish(self: Box<Self>) -> Result<(), VideoError> {
-        let Self { out, muxer, .. } = *self;
-        muxer.finish().map_err(|e| VideoError::Encoder {
+        let Self { out, mut muxer, .. } = *self;
+        let failed = |reason: String| VideoError::Encoder {
             path: out.dest().to_owned(),
             encoder: Self::NAME,
-            reason: e.to_string(),
-        })?;
+            reason,
+        };
+        muxer.finish_in_place().map_err(|e| failed(e.to_string()))?;
+        // Dropped, the writer would keep the error of a full disk for itself.
+        let mut writer = muxer.into_writer();
+        writer.flush().map_err(|e| failed(e.to_string()))?;
         Ok(out.commit()?)
     }
 }

@@ -18,7 +18,7 @@ mod rate;
 
 pub use bt709::Yuv420;
 pub use error::VideoError;
-pub use folder::{EarlierFrames, PngFolder};
+pub use folder::{EarlierFrames, PngFolder, is_of_folder};
 pub use format::FrameFormat;
 pub use job::differences;
 pub use mp4::create_mp4;

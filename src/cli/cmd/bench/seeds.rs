@@ -50,7 +50,7 @@ pub struct Args {
     repeats: u32,
     /// Value of the surface, physical, of all stores or of the one of that name; repeatable [default: the middle of the
     /// window of the default grey ramp]
-    #[arg(long, value_name = "[STORE=]VALUE", value_parser = iso, allow_hyphen_values = true)]
+    #[arg(long, value_name = "[STORE=]VALUE", value_parser = iso)]
     iso: Vec<IsoArg>,
     /// Level that is drawn, auto or its number; auto draws no data finer than the screen
     #[arg(long, value_name = "auto|N", default_value = "0", value_parser = args::lod)]

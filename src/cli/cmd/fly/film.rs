@@ -7,16 +7,17 @@ use anyhow::bail;
 use super::{Args, Flight, job};
 use crate::engine::Engine;
 use crate::export::video::{
-    EarlierFrames, FrameFormat, FrameQueue, FrameSink, PngFolder, create_mp4,
+    EarlierFrames, FrameFormat, FrameQueue, FrameSink, PngFolder, create_mp4, is_of_folder,
 };
-use crate::outfile::Existing;
+use crate::outfile::{Existing, OutFile, is_same_place};
 use crate::scene::Background;
 
 /// Frames that wait for being written, at most.
 const QUEUE: usize = 3;
 /// Endings of names that are formats which are not built, and no folders.
-const NOT_BUILT: [&str; 12] = [
-    "apng", "avi", "exr", "gif", "jpeg", "jpg", "m4v", "mkv", "mov", "mpg", "png", "webm",
+const NOT_BUILT: [&str; 16] = [
+    "apng", "avi", "exr", "gif", "h264", "jpeg", "jpg", "m4v", "mkv", "mov", "mpeg", "mpg", "ogv",
+    "png", "webm", "wmv",
 ];
 
 /// A film that was begun.
@@ -26,6 +27,29 @@ pub(super) struct Film {
     pub(super) there: Vec<bool>,
     /// What encodes it, if not we.
     pub(super) encoder: Option<&'static str>,
+}
+
+/// Can the statistics be written at all, and are they no part of the film? Asked before minutes of work.
+///
+/// # Errors
+/// They can't, or they are.
+pub(super) fn check_stats(args: &Args) -> anyhow::Result<()> {
+    let Some(stats) = &args.stats else {
+        return Ok(());
+    };
+    let folder = stats.parent().filter(|p| !p.as_os_str().is_empty());
+    let is_in_folder = args.output.is_dir()
+        && folder.is_some_and(|f| is_same_place(f, &args.output))
+        && stats.file_name().is_some_and(is_of_folder);
+    if is_in_folder || is_same_place(stats, &args.output) {
+        bail!(
+            "--stats {}: is a file of the film itself ({}); give another name",
+            stats.display(),
+            args.output.display()
+        );
+    }
+    drop(OutFile::create(stats, Existing::Replace)?);
+    Ok(())
 }
 
 /// Begins the film or opens the folder. Nothing has been drawn yet.

@@ -12,14 +12,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
+use anyhow::Context;
+
 use super::progress::Bar;
 use crate::bricking::Progress;
-use crate::camera::CameraPath;
+use crate::camera::{Camera, CameraPath};
 use crate::cli::args;
 use crate::cli::config::{LookArgs, Switch};
 use crate::engine::Engine;
 use crate::export::video::FrameRate;
-use crate::outfile::{Existing, OutFile, write_whole};
+use crate::outfile::{Existing, write_whole};
 use crate::scene::PictureSettings;
 use crate::store::Store;
 
@@ -99,13 +101,12 @@ impl Flight {
 /// Store or path are refused, the flags make no picture, the output holds another flight, the device fails, or a file can't
 /// be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    // Before minutes of work: can the file be written at all?
-    if let Some(path) = &args.stats {
-        drop(OutFile::create(path, Existing::Replace)?);
-    }
+    film::check_stats(args)?;
     let path = CameraPath::read(&args.path)?;
     let path = match args.seconds {
-        Some(seconds) => path.with_duration(seconds)?,
+        Some(seconds) => path
+            .with_duration(seconds)
+            .with_context(|| format!("{} with --seconds {seconds}", args.path.display()))?,
         None => path,
     };
     // A path of one key takes no time of its own.
@@ -131,9 +132,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         rate: args.fps,
         frames,
     };
-    for number in 0..frames {
-        // A camera that makes no picture is told before the first one is drawn.
-        flight.frame(&args.look, number)?;
+    // What makes no picture is told before the first one is drawn, and before earlier ones are removed.
+    let cameras: Vec<Camera> = (0..frames)
+        .map(|number| flight.frame(&args.look, number).map(|s| s.camera))
+        .collect::<anyhow::Result<_>>()?;
+    engine.check(&flight.settings, cameras)?;
+    if args.realtime {
+        notes.extend(realtime::notes(args, &flight, &engine));
     }
     let film = film::begin(args, &flight, &engine)?;
     for note in &notes {

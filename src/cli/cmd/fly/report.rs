@@ -29,7 +29,9 @@ pub(super) struct Report {
     wall_s: f64,
     /// Drawing alone, per frame drawn.
     mean_ms: Option<f64>,
-    device: String,
+    /// "gpu" or "cpu", as in the statistics of pictures, and its name.
+    device: &'static str,
+    adapter: String,
     output: String,
     /// What encoded the film; null for a folder.
     encoder: Option<&'static str>,
@@ -63,20 +65,23 @@ pub(super) struct RealtimeFrame {
     missed_ray_share: f64,
     /// The missing bricks by the level that stood in for them; "none" where there was none.
     stand_ins: BTreeMap<String, u64>,
-    /// What looking ahead took, of the time of drawing.
+    /// What looking ahead took, of what was left of its slot.
     predict_ms: f64,
     /// By how much it came after the end of its slot.
     stall_ms: f64,
+    /// How long the flight stood still, since frames were not written as fast.
+    write_wait_ms: f64,
     /// Loaded in what was left of its slot.
     bricks_read: u64,
     bricks_uploaded: u64,
 }
 
 impl RealtimeFrame {
-    /// A picture, what predicting took before it and by how much it was late, and what was loaded after it.
+    /// A picture, by how much it was late, how long it waited for being written, what predicting took after it, and what was
+    /// loaded.
     pub(super) fn new(
         picture: &Picture,
-        [predict_ms, stall_ms]: [f64; 2],
+        [stall_ms, write_wait_ms, predict_ms]: [f64; 3],
         paged: PageReport,
     ) -> Self {
         let level = |lod: &Option<crate::geom::Lod>| match lod {
@@ -91,6 +96,7 @@ impl RealtimeFrame {
             stand_ins: bricks.iter().map(|(lod, &n)| (level(lod), n)).collect(),
             predict_ms,
             stall_ms,
+            write_wait_ms,
             bricks_read: paged.bricks_read,
             bricks_uploaded: paged.bricks_uploaded,
         }
@@ -109,6 +115,10 @@ pub(super) struct RealtimeReport {
     /// Frames that were done after the end of their slot, and by how much in all.
     late_frames: u64,
     stall_ms: f64,
+    /// How long the flight stood still in all, since frames were not written as fast as they came.
+    write_wait_ms: f64,
+    /// Frames drawn by the finest level that they ask for.
+    lods: BTreeMap<u8, u64>,
     /// Frames that were not drawn, since the one before was late.
     pub(super) dropped_frames: u64,
     bricks_read: u64,
@@ -136,6 +146,8 @@ impl RealtimeReport {
             (self.missed_ray_share * drawn + frame.missed_ray_share) / self.drawn as f64;
         self.late_frames += u64::from(frame.stall_ms > 0.0);
         self.stall_ms += frame.stall_ms;
+        self.write_wait_ms += frame.write_wait_ms;
+        *self.lods.entry(frame.lod).or_default() += 1;
         self.bricks_read += frame.bricks_read + picture.stats.bricks_read.unwrap_or(0);
         self.bricks_uploaded += frame.bricks_uploaded + picture.stats.bricks_uploaded.unwrap_or(0);
     }
@@ -160,7 +172,8 @@ impl Measured {
             size: args.look.size(),
             wall_s: self.wall_s,
             mean_ms: (drawn > 0).then(|| sum / drawn as f64),
-            device: engine.device_name(),
+            device: engine.device_kind(),
+            adapter: engine.device_name(),
             output: args.output.display().to_string(),
             encoder,
             realtime: self.realtime,
@@ -205,6 +218,11 @@ impl fmt::Display for Report {
                 r.dropped_frames,
                 r.stall_ms
             )?;
+            if r.write_wait_ms >= 1.0 {
+                write!(f, ", {:.0} ms waited for the writer", r.write_wait_ms)?;
+            }
+            let lods = r.lods.iter().map(|(lod, n)| format!("{n} on level {lod}"));
+            write!(f, "; {}", lods.collect::<Vec<_>>().join(", "))?;
         }
         Ok(())
     }

@@ -97,16 +97,30 @@ impl GeometryBuffers {
                 }
             }
         }
-        let most = gpu.caps.limits.max_storage_buffer_binding_size;
-        let needed = (corners.len() as u64).max(planes.len() as u64) * 16;
-        if needed > most {
-            return Err(GpuError::TooSmall {
-                what: format!("the {} triangles of the meshes", planes.len()),
-                needed,
-                limit: most,
-                limited_by: "the adapter's largest storage buffer".into(),
-                remedy: "give meshes of fewer triangles".into(),
-            });
+        let of_storage = (corners.len() as u64).max(planes.len() as u64) * 16;
+        let of_vertices = (vertices.len() * size_of::<Vertex>()) as u64;
+        let limits = &gpu.caps.limits;
+        for (needed, limit, limited_by) in [
+            (
+                of_storage,
+                limits.max_storage_buffer_binding_size,
+                "the adapter's largest storage buffer",
+            ),
+            (
+                of_vertices,
+                limits.max_buffer_size,
+                "the adapter's largest buffer",
+            ),
+        ] {
+            if needed > limit {
+                return Err(GpuError::TooSmall {
+                    what: format!("the {} triangles of the meshes", planes.len()),
+                    needed,
+                    limit,
+                    limited_by: limited_by.into(),
+                    remedy: "give meshes of fewer triangles".into(),
+                });
+            }
         }
         gpu.checked("uploading the geometry", || {
             let buffer = |label, contents: &[u8], usage| {

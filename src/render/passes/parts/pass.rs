@@ -12,6 +12,7 @@ use crate::clip::Geometry;
 use crate::gpu::{GpuContext, GpuError, PassTimer, read_buffers, shader};
 use crate::render::bindings;
 use crate::render::frame::{FrameBindings, Tile};
+use crate::render::tiling::LEAST_TILE_PIXELS;
 use crate::scene::RayFrame;
 
 /// The pipelines, what they work on, and what the caster binds.
@@ -206,6 +207,14 @@ impl PartsPass {
         [GeometryBuffers::bytes_of(geometry), shape.bytes()]
     }
 
+    /// Bytes of lists and parts for each pixel of a tile, at least.
+    pub(in crate::render) fn bytes_per_pixel(geometry: &Geometry) -> u64 {
+        match geometry.is_empty() {
+            true => 0,
+            false => PartsShape::bytes_per_pixel(geometry),
+        }
+    }
+
     pub(in crate::render) fn bytes(&self) -> u64 {
         self.geometry.as_ref().map_or(0, GeometryBuffers::bytes)
             + self.targets.as_ref().map_or(0, |t| t.shape.bytes())
@@ -323,10 +332,20 @@ impl PartsPass {
                 || larger.rows() > most_rows
                 || larger.crossing_bytes() > most_crossing_bytes
             {
+                let limit = self.most_bytes.min(most_crossing_bytes);
+                // Of a panorama the lists are those of all around, however small its tiles.
+                if shape.cube_edge == 0 && shape.pixels() > LEAST_TILE_PIXELS {
+                    return Err(GpuError::TooManyCrossings {
+                        crossings,
+                        pixels: shape.pixels(),
+                        needed: larger.bytes(),
+                        limit,
+                    });
+                }
                 return Err(GpuError::TooSmall {
                     what: format!("the list of the {crossings} crossings of rays and meshes"),
                     needed: larger.bytes(),
-                    limit: self.most_bytes.min(most_crossing_bytes),
+                    limit,
                     limited_by: "the share of --gpu-memory for them, or a buffer of the adapter"
                         .into(),
                     remedy: "give more --gpu-memory, or meshes of fewer layers".into(),

@@ -30,8 +30,7 @@ pub(super) struct PartsShape {
 impl PartsShape {
     /// That of a picture, before anything is counted.
     pub(super) fn first(geometry: &Geometry, rays: &RayFrame, tile: [u32; 2]) -> Self {
-        let has_meshes = !(geometry.clip_meshes.is_empty() && geometry.surfaces.is_empty());
-        let cube_edge = if has_meshes && rays.projection.is_panoramic() {
+        let cube_edge = if geometry.has_meshes() && rays.projection.is_panoramic() {
             // Twice as fine as the picture in its middle, where a face has two units of its width for each radian.
             let pixels_per_radian = f64::from(rays.size[1]) / (2.0 * rays.half_extent[1]);
             ((4.0 * pixels_per_radian).ceil() as u32)
@@ -40,6 +39,10 @@ impl PartsShape {
         } else {
             0
         };
+        Self::first_of(geometry, tile, cube_edge)
+    }
+
+    fn first_of(geometry: &Geometry, tile: [u32; 2], cube_edge: u32) -> Self {
         let mut shape = Self {
             tile,
             cube_edge,
@@ -47,7 +50,7 @@ impl PartsShape {
             crossings: 0,
             records: 0,
         };
-        if has_meshes {
+        if geometry.has_meshes() {
             shape.crossings = shape.pixels() * CROSSINGS_AT_FIRST;
         }
         shape.with_room(shape.crossings, 0)
@@ -64,7 +67,14 @@ impl PartsShape {
         }
     }
 
-    fn pixels(&self) -> u64 {
+    /// Bytes for each pixel of a tile, before anything is counted.
+    pub(super) fn bytes_per_pixel(geometry: &Geometry) -> u64 {
+        let tile = [64; 2];
+        let shape = Self::first_of(geometry, tile, 0);
+        shape.bytes().div_ceil(shape.pixels())
+    }
+
+    pub(super) fn pixels(&self) -> u64 {
         u64::from(self.tile[0]) * u64::from(self.tile[1])
     }
 
