@@ -363,12 +363,13 @@ fn every_technique_cuts_alike() {
                 assert_eq!(d.beyond, 0, "{what}: {d}");
             }
             s.technique = Technique::Default;
+            tight.forget_bricks();
             let paged = tight.render(&s).unwrap();
-            println!("{look}: evicted {:?}", paged.stats.bricks_evicted);
             compare::assert_same_bits(&paged.image, &default.image, &format!("{look}, few slots"));
             if kind == "caps" {
                 // Where slabs stop and go on, too.
                 s.technique = Technique::Slab;
+                tight.forget_bricks();
                 let paged = tight.render(&s).unwrap();
                 let d = difference(&paged.image, &default.image, TWIN_BOUND);
                 assert_eq!(d.beyond, 0, "{look}, few slots, slab: {d}");
@@ -379,6 +380,49 @@ fn every_technique_cuts_alike() {
             let ticked = engine.image().unwrap();
             compare::assert_same_bits(ticked, &default.image, &format!("{look}, by ticks"));
         }
+    }
+}
+
+/// A ray may stop at a cut face, whose brick is missing, after it has come to another part of itself, or to another level, where
+/// samples have other numbers: it goes on from there.
+#[cfg(feature = "gpu")]
+#[test]
+#[cfg_attr(skip_gpu_tests, ignore = "SKIP_GPU_TESTS")]
+fn rays_that_stop_at_a_cap_go_on_behind_it() {
+    use brickscope::engine::EngineOptions;
+    use brickscope::scene::{Mode, ShadingModel, Technique};
+    let store = scenes::waves_of([150, 200, 120], VoxelType::U8);
+    let mut engine = scenes::gpu(&store, EngineOptions::default());
+    let mut s = scenes::many_levels(&store, Mode::Iso);
+    // Slabs have other gradients.
+    s.shading.model = ShadingModel::None;
+    // Rays go through everything; caps show above half of the range.
+    s.classification.iso = scenes::translucent_surfaces(&store.store)[..1].to_vec();
+    s.classification.iso[0].opacity = 0.1;
+    let ahead = (s.camera.target - s.camera.eye).normalize();
+    // What is cut out lies where a level ends; level 2, behind the second, is not the coarsest, which is always there.
+    for (off, radius) in [(37.0, 12.0), (75.0, 5.0), (73.0, 8.0)] {
+        let hole = TriangleMesh::sphere(s.camera.eye + ahead * off, radius, 3).unwrap();
+        s.geometry = Arc::new(Geometry {
+            clip_meshes: vec![clip(&Arc::new(hole), Side::Outside)],
+            faces: CutFaces {
+                are_capped: true,
+                have_normals: false,
+            },
+            ..Geometry::default()
+        });
+        let what = format!("a hole of {radius} mm");
+        let truth = reference(&store, &s).image;
+        for technique in [Technique::Default, Technique::Multipass, Technique::Slab] {
+            s.technique = technique;
+            engine.forget_bricks();
+            let paged = engine.render(&s).unwrap().image;
+            let what = format!("{what}, {}", technique.name());
+            let d = difference(&paged, &truth, TWIN_BOUND);
+            println!("{what}: {d}");
+            assert!(d.max < 1e-3, "{what}: {d}");
+        }
+        s.technique = Technique::Default;
     }
 }
 

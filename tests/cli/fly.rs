@@ -227,7 +227,7 @@ fn what_makes_no_film_is_refused_before_anything_is_drawn() {
         ("a.mp4", &["--size", "33x24"][..], "34x24"),
         ("a.mp4", &["--background", "transparent"], "transparency"),
         ("a.webm", &[], ".mp4"),
-        ("no/such/folder", &[], "cannot make the folder"),
+        ("no/such/folder", &[], "make it first"),
         ("no/such.mp4", &[], "does not exist"),
         ("body.bsk", &[], "is a file"),
         ("a", &["--fps", "0"], "frames per second"),
