@@ -676,8 +676,9 @@ fn predicted_bricks_push_out_nothing_that_was_just_used() {
 #[test]
 fn a_new_prediction_takes_the_place_of_the_one_before() {
     let predicted = |i: u32| request(i, RequestClass::Predicted, 1);
-    let mut pager = Pager::new(SlotPool::new(6), ample());
-    let asked = [&missing([0, 3])[..], &[predicted(6), predicted(9)]].concat();
+    let mut pager = Pager::new(SlotPool::new(4), ample());
+    let before = [predicted(6), predicted(9)];
+    let asked = [&missing([0, 3])[..], &before].concat();
     pager.begin_frame(&frame(&asked, &[]));
     pager.predict(&[predicted(3), predicted(9), predicted(12)]);
     settle(&mut pager, Completion::Decoded);
@@ -685,6 +686,14 @@ fn a_new_prediction_takes_the_place_of_the_one_before() {
         resident(&pager),
         [0, 3, 9, 12].into(),
         "what the frame missed, and what is predicted now"
+    );
+    pager.begin_frame(&frame(&[predicted(9), predicted(12)], &ids([0, 3])));
+    pager.predict(&[predicted(12), predicted(15)]);
+    settle(&mut pager, Completion::Decoded);
+    assert_eq!(
+        resident(&pager),
+        [0, 3, 12, 15].into(),
+        "what is predicted no more goes, what was used stays"
     );
     assert_eq!(pager.statistics().misses, 2, "and nothing else is missed");
 }

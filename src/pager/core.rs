@@ -212,6 +212,7 @@ impl Pager {
 
     /// Other predicted bricks take the place of those that the last frame asked for; what it needs stays.
     pub fn predict(&mut self, requests: &[Request]) {
+        self.slots.order.unpredict();
         self.asked.retain(|_, p| p.class != RequestClass::Predicted);
         for request in requests {
             self.asked.entry(request.brick).or_insert(request.priority);

@@ -163,10 +163,23 @@ impl EvictionOrder {
             && uses.last + 1 < self.pass
         {
             self.recent.pop_lru();
-            let pause = uses.pause.unwrap_or(self.mean_pause / PAUSE_INERTIA);
-            let key = (uses.last + pause, Reverse(uses.stamp));
-            self.stale.insert((key, brick));
-            self.others.insert(brick, (uses, Place::Stale(key)));
+            self.make_stale(brick, uses);
+        }
+    }
+
+    fn make_stale(&mut self, brick: BrickId, uses: Uses) {
+        let pause = uses.pause.unwrap_or(self.mean_pause / PAUSE_INERTIA);
+        let key = (uses.last + pause, Reverse(uses.stamp));
+        self.stale.insert((key, brick));
+        self.others.insert(brick, (uses, Place::Stale(key)));
+    }
+
+    /// Nothing is predicted any more. What was has not been used for that.
+    pub(super) fn unpredict(&mut self) {
+        for request in std::mem::take(&mut self.predicted) {
+            if let Some((uses, _)) = self.others.remove(&request.brick) {
+                self.make_stale(request.brick, uses);
+            }
         }
     }
 
