@@ -43,8 +43,8 @@ fn files(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
 }
 
 fn bricked(path: &Path) -> TestStore {
-    let mut source =
-        brickscope::input::open(&path.to_string_lossy(), None).unwrap_or_else(|e| panic!("{e}"));
+    let mut source = brickscope::input::open(&path.to_string_lossy(), &Default::default())
+        .unwrap_or_else(|e| panic!("{e}"));
     store_of(source.as_mut())
 }
 

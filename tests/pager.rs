@@ -916,7 +916,7 @@ fn views_converge_in_any_atlas() {
 fn small_store() -> (tempfile::TempDir, Arc<Store>) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("small.bsk");
-    let mut source = brickscope::input::open("phantom:body:96,96,96", None).unwrap();
+    let mut source = brickscope::input::open("phantom:body:96,96,96", &Default::default()).unwrap();
     bricking::brick(
         source.as_mut(),
         &path,

@@ -107,7 +107,8 @@ fn vessel_truth(n: u32, forks: usize) -> Vec<DVec3> {
 fn the_vessels_phantom_has_the_centre_line_that_it_was_made_from() {
     let n = 144;
     let mut source =
-        brickscope::input::open(&format!("phantom:vessels:{n},{n},{n}"), None).unwrap();
+        brickscope::input::open(&format!("phantom:vessels:{n},{n},{n}"), &Default::default())
+            .unwrap();
     let v = bricked(source.as_mut());
     let truth = vessel_truth(n, 4);
     let (from, to) = (truth[0] + DVec3::Z * 2.0, truth[truth.len() - 1]);
@@ -251,7 +252,8 @@ fn nearest_lumen(store: &Store, at: DVec3) -> DVec3 {
 fn with_little_memory_it_is_found_coarsely_and_followed_finely() {
     let n = 144;
     let mut source =
-        brickscope::input::open(&format!("phantom:vessels:{n},{n},{n}"), None).unwrap();
+        brickscope::input::open(&format!("phantom:vessels:{n},{n},{n}"), &Default::default())
+            .unwrap();
     let v = bricked(source.as_mut());
     let truth = vessel_truth(n, 3);
     let (from, to) = (truth[0] + DVec3::Z * 2.0, truth[truth.len() - 1]);

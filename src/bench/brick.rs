@@ -179,7 +179,7 @@ impl BrickJob {
         };
         let storage_before = storage_bytes_read();
         let watch = Stopwatch::start();
-        let mut source = input::open(&self.input, None)?;
+        let mut source = input::open(&self.input, &Default::default())?;
         let report = brick(&mut *source, &path, &options, &NoProgress)?;
         let elapsed = watch.elapsed();
         let storage_bytes_read = storage_bytes_read()
@@ -319,7 +319,7 @@ mod tests {
     fn the_ceiling_is_the_least_limit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.bsk");
-        let mut source = input::open("phantom:sponge:64,64,64:u16", None).unwrap();
+        let mut source = input::open("phantom:sponge:64,64,64:u16", &Default::default()).unwrap();
         let report = brick(&mut *source, &path, &BrickOptions::default(), &NoProgress).unwrap();
         let store = Store::open(&path).unwrap();
         let disk = |read, write| {

@@ -90,7 +90,7 @@ mod tests {
     fn all_some_or_none_is_active() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.bsk");
-        let mut source = input::open("phantom:body:40,40,40", None).unwrap();
+        let mut source = input::open("phantom:body:40,40,40", &Default::default()).unwrap();
         brick(&mut *source, &path, &BrickOptions::default(), &NoProgress).unwrap();
         let options = EngineOptions {
             device: DeviceChoice::Cpu,

@@ -1,21 +1,19 @@
 //! [`open`]: from what a user typed to a source. The format is found by content; names only help to word errors.
 
-use std::fs::File;
-use std::io::{self, Read};
-use std::path::Path;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
+use super::files::{self, first_bytes};
+use super::options::OpenOptions;
 use super::problem::Subject;
-use super::raw::{self, RawParams};
-use super::{metaimage, nifti, nrrd, phantom};
+use super::{metaimage, nifti, nrrd, phantom, raw};
 use crate::volume::{SourceError, VoxelSource};
 
 const BUILT: &str = "supported are NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), .raw with \
                      --dims and --type, and phantom:NAME:X,Y,Z[:TYPE]";
 
-/// Bytes of a file that are looked at to tell its format.
-const PEEK_BYTES: u64 = 4096;
-/// Entries of a folder that are looked at to tell what it holds.
-const PEEK_ENTRIES: usize = 64;
+/// Files of a folder that are looked at to tell what it holds.
+const PEEK_FILES: usize = 64;
 
 /// What a file holds, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,35 +27,58 @@ enum Format {
     Other(&'static str),
 }
 
-/// Opens the volume that `spec` names: a file, or `phantom:NAME:X,Y,Z[:TYPE]`. `raw` says what a headerless file holds.
+/// Opens the volume that `spec` names: a file, a folder or a glob of slices, or `phantom:NAME:X,Y,Z[:TYPE]`.
 ///
 /// # Errors
-/// The file can't be read, is of no known format or of one that is not built, is damaged, or `raw` is given for a source
-/// that describes itself.
-pub fn open(spec: &str, raw: Option<RawParams>) -> Result<Box<dyn VoxelSource>, SourceError> {
+/// It can't be read, is of no known format or of one that is not built, is damaged, or `options` do not go with it.
+pub fn open(spec: &str, options: &OpenOptions) -> Result<Box<dyn VoxelSource>, SourceError> {
     let path = Path::new(spec);
     let subject = Subject {
         path,
         remedy: BUILT,
     };
     if spec.starts_with("phantom:") {
-        return match raw {
+        return match options.raw {
             None => Ok(Box::new(phantom::Phantom::from_spec(spec)?)),
             Some(_) => Err(raw_not_wanted(path, "a phantom")),
         };
     }
-    let Some(first) = first_bytes(&subject, spec)? else {
-        return Err(folder(&subject));
-    };
+    if spec.starts_with("http://") || spec.starts_with("https://") {
+        return Err(subject.unsupported("a volume behind a URL", BUILT));
+    }
+    if path.is_dir() {
+        return open_folder(&subject, options);
+    }
+    if spec.contains(['*', '?', '[']) && !path.exists() {
+        let files = files::of_glob(&subject, spec)?;
+        return open_slices(&subject, files, options);
+    }
+    open_file(&subject, options)
+}
+
+/// Opens a file that is a volume by itself.
+fn open_file(
+    subject: &Subject<'_>,
+    options: &OpenOptions,
+) -> Result<Box<dyn VoxelSource>, SourceError> {
+    let path = subject.path;
+    let meta = std::fs::metadata(path).map_err(|e| subject.io("open", e))?;
+    if !meta.is_file() {
+        return Err(subject.malformed("the path", "a regular file", "a device or a pipe"));
+    }
+    let first = first_bytes(path).map_err(|e| subject.io("open", e))?;
+    if first.is_empty() {
+        return Err(subject.malformed("the file", "a volume", "an empty file"));
+    }
     let format = format(&first);
-    if let Some(params) = raw {
+    if let Some(params) = &options.raw {
         // Voxels may look like any header by chance; only a name that says the same makes it a mistake.
         let named_raw = path
             .extension()
             .is_none_or(|e| e.eq_ignore_ascii_case("raw"));
         return match format {
             Some(f) if !named_raw => Err(raw_not_wanted(path, f.name())),
-            _ => Ok(Box::new(raw::open(path, &params)?)),
+            _ => Ok(Box::new(raw::open(path, params)?)),
         };
     }
     match format {
@@ -69,7 +90,7 @@ pub fn open(spec: &str, raw: Option<RawParams>) -> Result<Box<dyn VoxelSource>, 
             let shown = &first[..first.len().min(8)];
             let subject = Subject {
                 remedy: "if these are bare voxels, say what they are with --dims and --type",
-                ..subject
+                ..*subject
             };
             Err(subject.malformed(
                 "the first bytes",
@@ -78,6 +99,55 @@ pub fn open(spec: &str, raw: Option<RawParams>) -> Result<Box<dyn VoxelSource>, 
             ))
         }
     }
+}
+
+/// Opens a folder: a volume in a format that is one, or slices.
+fn open_folder(
+    subject: &Subject<'_>,
+    options: &OpenOptions,
+) -> Result<Box<dyn VoxelSource>, SourceError> {
+    for mark in ["zarr.json", ".zattrs", ".zgroup", ".zarray"] {
+        if subject.path.join(mark).exists() {
+            return Err(subject.unsupported("an OME-Zarr folder", BUILT));
+        }
+    }
+    let files = files::in_folder(subject)?;
+    if files.is_empty() {
+        return Err(subject.malformed(
+            "the path",
+            "the file of a volume",
+            "a folder without files",
+        ));
+    }
+    open_slices(subject, files, options)
+}
+
+/// Opens several files that are the slices of a volume, in their order. `subject` is what they were named by.
+fn open_slices(
+    subject: &Subject<'_>,
+    files: Vec<PathBuf>,
+    options: &OpenOptions,
+) -> Result<Box<dyn VoxelSource>, SourceError> {
+    if options.raw.is_some() {
+        return Err(raw_not_wanted(subject.path, "several files"));
+    }
+    let mut found = "files that are no slices; name the file of a volume";
+    for file in files.iter().take(PEEK_FILES) {
+        let Ok(first) = first_bytes(file) else {
+            continue;
+        };
+        match format(&first) {
+            Some(Format::Other("DICOM")) => {
+                return Err(subject.unsupported("a folder of DICOM slices", BUILT));
+            }
+            Some(Format::Other("TIFF")) => {
+                return Err(subject.unsupported("a folder of TIFF slices", BUILT));
+            }
+            Some(_) => found = "a folder of volumes; name the file of one",
+            None => {}
+        }
+    }
+    Err(subject.malformed("the path", "the file of a volume", found))
 }
 
 impl Format {
@@ -97,37 +167,6 @@ fn raw_not_wanted(path: &Path, what: &str) -> SourceError {
         remedy: "leave out --dims, --type, --endian, --spacing and --offset",
     };
     subject.malformed("the options for .raw", "a file of bare voxels", what)
-}
-
-/// The file's first bytes; `None` for a folder.
-fn first_bytes(subject: &Subject<'_>, spec: &str) -> Result<Option<Vec<u8>>, SourceError> {
-    let meta = match std::fs::metadata(subject.path) {
-        Ok(meta) => meta,
-        Err(e) if e.kind() == io::ErrorKind::NotFound => {
-            if spec.starts_with("http://") || spec.starts_with("https://") {
-                return Err(subject.unsupported("a volume behind a URL", BUILT));
-            }
-            if spec.contains(['*', '?']) {
-                return Err(subject.unsupported("a glob of slices", BUILT));
-            }
-            return Err(subject.io("open", e));
-        }
-        Err(e) => return Err(subject.io("open", e)),
-    };
-    if meta.is_dir() {
-        return Ok(None);
-    }
-    if !meta.is_file() {
-        return Err(subject.malformed("the path", "a regular file", "a device or a pipe"));
-    }
-    let mut first = Vec::new();
-    File::open(subject.path)
-        .and_then(|f| f.take(PEEK_BYTES).read_to_end(&mut first))
-        .map_err(|e| subject.io("open", e))?;
-    if first.is_empty() {
-        return Err(subject.malformed("the file", "a volume", "an empty file"));
-    }
-    Ok(Some(first))
 }
 
 /// The format of a file that begins with `bytes`.
@@ -169,44 +208,6 @@ fn format(bytes: &[u8]) -> Option<Format> {
     }
     text.starts_with("# vtk DataFile")
         .then_some(Format::Other("VTK legacy"))
-}
-
-/// The error for a folder, naming what it seems to hold.
-fn folder(subject: &Subject<'_>) -> SourceError {
-    for mark in ["zarr.json", ".zattrs", ".zgroup", ".zarray"] {
-        if subject.path.join(mark).exists() {
-            return subject.unsupported("an OME-Zarr folder", BUILT);
-        }
-    }
-    let entries = match std::fs::read_dir(subject.path) {
-        Ok(entries) => entries,
-        Err(e) => return subject.io("list the folder", e),
-    };
-    let mut found = "a folder without volumes";
-    for entry in entries.flatten().take(PEEK_ENTRIES) {
-        let mut first = Vec::new();
-        let read =
-            File::open(entry.path()).and_then(|f| f.take(PEEK_BYTES).read_to_end(&mut first));
-        if read.is_err() {
-            continue;
-        }
-        let named_dicom = entry
-            .path()
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("dcm"));
-        match format(&first) {
-            Some(Format::Other("DICOM")) => {
-                return subject.unsupported("a folder of DICOM slices", BUILT);
-            }
-            _ if named_dicom => return subject.unsupported("a folder of DICOM slices", BUILT),
-            Some(Format::Other("TIFF")) => {
-                return subject.unsupported("a folder of TIFF slices", BUILT);
-            }
-            Some(_) => found = "a folder; name the file in it",
-            None => {}
-        }
-    }
-    subject.malformed("the path", "the file of a volume", found)
 }
 
 #[cfg(test)]

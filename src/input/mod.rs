@@ -9,16 +9,20 @@
 
 mod affine;
 mod detect;
+mod files;
 mod metaimage;
 mod nifti;
 mod nrrd;
+mod options;
 pub mod phantom;
 mod problem;
 mod raw;
+mod stack;
 mod stream;
 mod text_header;
 mod voxel_file;
 
 pub use detect::open;
+pub use options::OpenOptions;
 pub use raw::{Endian, RawParams};
 pub use voxel_file::VoxelFile;

@@ -23,7 +23,9 @@ use self::raster::Scene;
 use self::signal::{MarschnerLobb, Sponge};
 use super::problem::{Subject, quoted};
 use crate::geom::VoxelBox;
-use crate::volume::{ReadOrder, Rescale, SourceError, StoredType, VolumeDesc, VoxelSource};
+use crate::volume::{
+    ReadOrder, Rescale, SourceError, StoredType, VolumeDesc, VoxelSource, check_read,
+};
 
 /// Rows that one task computes of a slice: enough to repay setting the slice up.
 const ROWS_PER_TASK: usize = 32;
@@ -120,18 +122,7 @@ impl VoxelSource for Phantom {
 
     fn read_box(&mut self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         let dims = self.desc.dims;
-        assert!(
-            VoxelBox::whole(dims).contains_box(&voxels),
-            "the box must lie inside the volume"
-        );
-        let bytes = voxels
-            .voxel_count()
-            .and_then(|n| n.checked_mul(self.stored.size() as u64));
-        assert_eq!(
-            bytes,
-            Some(out.len() as u64),
-            "out must hold the box exactly"
-        );
+        check_read(&self.desc, voxels, out);
         if out.is_empty() {
             return Ok(());
         }

@@ -13,7 +13,7 @@ use super::problem::Subject;
 use super::raw::Endian;
 use super::stream::{Compression, most_inflated_bytes};
 use crate::geom::VoxelBox;
-use crate::volume::{ReadOrder, SourceError, VolumeDesc, VoxelSource};
+use crate::volume::{ReadOrder, SourceError, VolumeDesc, VoxelSource, check_read};
 
 /// How much may follow the last voxel of a compressed stream and still be read, to reach and check its checksum.
 const TAIL_BYTES: u64 = 1 << 20;
@@ -137,17 +137,7 @@ impl VoxelSource for VoxelFile {
     fn read_box(&mut self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         let dims = self.desc.dims;
         let size = self.desc.voxel_type.size();
-        assert!(
-            VoxelBox::whole(dims).contains_box(&voxels),
-            "the box must lie inside the volume"
-        );
-        assert_eq!(
-            voxels
-                .voxel_count()
-                .and_then(|n| n.checked_mul(size as u64)),
-            Some(out.len() as u64),
-            "out must hold the box exactly"
-        );
+        check_read(&self.desc, voxels, out);
         if out.is_empty() {
             return Ok(());
         }

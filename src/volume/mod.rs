@@ -10,5 +10,5 @@ mod source;
 mod voxel_type;
 
 pub use desc::{Rescale, VolumeDesc};
-pub use source::{ReadOrder, SourceError, VoxelSource};
+pub use source::{ReadOrder, SourceError, VoxelSource, check_read};
 pub use voxel_type::{StoredType, VoxelType};

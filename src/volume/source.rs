@@ -39,6 +39,38 @@ pub trait VoxelSource: Send {
     fn stamp(&self) -> String {
         String::new()
     }
+
+    /// Bytes that the source holds at most while slices are read in their order, beside a small buffer and what it is given
+    /// to fill: decoded chunks, a slice in another form.
+    fn held_bytes(&self) -> u64 {
+        0
+    }
+
+    /// What a user should know of how the input was understood, in whole sentences: what was chosen, changed or left out.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// What the input says beside size, place and values and that was asked to be kept: names and values.
+    fn tags(&self) -> Vec<(String, String)> {
+        Vec::new()
+    }
+}
+
+/// Panics where a call of [`VoxelSource::read_box`] breaks its contract.
+pub fn check_read(desc: &VolumeDesc, voxels: VoxelBox, out: &[u8]) {
+    assert!(
+        VoxelBox::whole(desc.dims).contains_box(&voxels),
+        "the box must lie inside the volume"
+    );
+    let bytes = voxels
+        .voxel_count()
+        .and_then(|n| n.checked_mul(desc.voxel_type.size() as u64));
+    assert_eq!(
+        bytes,
+        Some(out.len() as u64),
+        "out must hold the box exactly"
+    );
 }
 
 /// Why an input can't be read.

@@ -14,7 +14,7 @@ use crate::run::{Folder, gzip, nifti_header, noise, put};
 
 /// Description and voxels of a volume.
 fn read(spec: &str) -> (VolumeDesc, Vec<u8>) {
-    let mut source = input::open(spec, None).unwrap_or_else(|e| panic!("{e}"));
+    let mut source = input::open(spec, &Default::default()).unwrap_or_else(|e| panic!("{e}"));
     let desc = source.desc().clone();
     let mut voxels = vec![0; desc.byte_count().expect("a small volume") as usize];
     source

@@ -42,7 +42,7 @@ pub fn store_of(source: &mut dyn VoxelSource) -> TestStore {
 /// A phantom's store.
 pub fn phantom(spec: &str) -> TestStore {
     store_of(
-        brickscope::input::open(spec, None)
+        brickscope::input::open(spec, &Default::default())
             .expect("a known phantom")
             .as_mut(),
     )

@@ -115,7 +115,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.bsk");
         let rate = |spec: &str| {
-            let mut source = input::open(spec, None).unwrap();
+            let mut source = input::open(spec, &Default::default()).unwrap();
             let options = BrickOptions {
                 existing: crate::outfile::Existing::Replace,
                 ..BrickOptions::default()

@@ -413,7 +413,7 @@ mod tests {
     fn what_can_be_drawn_has_figures_and_errors_fall_with_more_rays() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.bsk");
-        let mut source = input::open("phantom:body:32,32,32", None).unwrap();
+        let mut source = input::open("phantom:body:32,32,32", &Default::default()).unwrap();
         brick(&mut *source, &path, &BrickOptions::default(), &NoProgress).unwrap();
         let options = EngineOptions {
             device: DeviceChoice::Reference,

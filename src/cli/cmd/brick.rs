@@ -10,7 +10,7 @@ use glam::{DVec3, U64Vec3};
 use super::progress::Bar;
 use crate::bricking::{self, BrickError, BrickOptions, BrickingReport, Progress};
 use crate::cli::args::{self, ByteSize};
-use crate::input::{self, Endian, RawParams};
+use crate::input::{self, Endian, OpenOptions, RawParams};
 use crate::outfile::Existing;
 use crate::volume::{StoredType, VoxelSource, VoxelType};
 
@@ -150,7 +150,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         resume: args.resume,
         ..BrickOptions::default()
     };
-    let open = || input::open(&args.input, raw);
+    let open_options = OpenOptions {
+        raw,
+        ..OpenOptions::default()
+    };
+    let open = || input::open(&args.input, &open_options);
     let bar = Bar::default();
     let mut source = open()?;
     let mut result = bricking::brick(&mut *source, &args.output, &options, &bar);

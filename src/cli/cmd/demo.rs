@@ -43,7 +43,7 @@ pub fn run(_args: &Args) -> anyhow::Result<ExitCode> {
     fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {FOLDER} in the current folder"))?;
     let store = folder.join("body.bsk");
-    let mut source = input::open(VOLUME, None)?;
+    let mut source = input::open(VOLUME, &Default::default())?;
     let options = BrickOptions {
         existing: Existing::Replace,
         ..BrickOptions::default()

@@ -5,7 +5,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, U64Vec3};
 use super::*;
 use crate::export::write_png;
 use crate::geom::VoxelBox;
-use crate::input::{self, Endian, RawParams};
+use crate::input::{self, Endian, OpenOptions, RawParams};
 use crate::volume::{Rescale, VoxelType};
 
 fn desc(voxel_type: VoxelType) -> VolumeDesc {
@@ -51,7 +51,11 @@ fn round_trip(name: &str, desc: &VolumeDesc, voxels: &[u8]) -> (VolumeDesc, Vec<
         spacing: DVec3::ONE,
         offset: 0,
     });
-    let mut source = input::open(path.to_str().unwrap(), raw).unwrap();
+    let options = OpenOptions {
+        raw,
+        ..OpenOptions::default()
+    };
+    let mut source = input::open(path.to_str().unwrap(), &options).unwrap();
     let found = source.desc().clone();
     let mut out = vec![0; found.byte_count().unwrap() as usize];
     source
@@ -141,7 +145,7 @@ fn qform_and_sform_of_a_rotation_agree() {
         bytes[254] = 0;
         let plain = dir.path().join("b.nii");
         std::fs::write(&plain, bytes).unwrap();
-        let source = input::open(plain.to_str().unwrap(), None).unwrap();
+        let source = input::open(plain.to_str().unwrap(), &Default::default()).unwrap();
         let found = source.desc().world_from_index;
         assert!(
             found.abs_diff_eq(desc.world_from_index, 1e-5),

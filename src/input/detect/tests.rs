@@ -3,7 +3,7 @@
 use glam::{DVec3, U64Vec3};
 
 use super::*;
-use crate::input::Endian;
+use crate::input::{Endian, RawParams};
 use crate::volume::VoxelType;
 
 fn raw() -> RawParams {
@@ -21,7 +21,13 @@ fn refused(name: &str, bytes: &[u8], raw: Option<RawParams>) -> String {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join(name);
     std::fs::write(&path, bytes).unwrap();
-    match open(path.to_str().unwrap(), raw) {
+    match open(
+        path.to_str().unwrap(),
+        &OpenOptions {
+            raw,
+            ..Default::default()
+        },
+    ) {
         Ok(_) => panic!("{name} was opened"),
         Err(e) => e.to_string(),
     }
@@ -34,10 +40,13 @@ fn content_counts_not_the_name() {
     let path = dir.path().join("misnamed.nii");
     std::fs::write(&path, nrrd).unwrap();
     assert!(
-        open(path.to_str().unwrap(), None).is_ok(),
+        open(path.to_str().unwrap(), &Default::default()).is_ok(),
         "an NRRD file called .nii"
     );
-    assert!(open("phantom:body:8,8,8", None).is_ok(), "a phantom");
+    assert!(
+        open("phantom:body:8,8,8", &Default::default()).is_ok(),
+        "a phantom"
+    );
 }
 
 #[test]
@@ -66,7 +75,7 @@ fn what_cannot_be_opened_says_why() {
 fn raw_options_are_for_raw() {
     let error = refused("a.nrrd", b"NRRD0004\n", Some(raw()));
     assert!(error.contains("NRRD"), "{error}");
-    let error = match open("phantom:body:8,8,8", Some(raw())) {
+    let error = match open("phantom:body:8,8,8", &OpenOptions::of_raw(raw())) {
         Ok(_) => panic!("options for .raw were taken for a phantom"),
         Err(e) => e.to_string(),
     };
@@ -75,7 +84,7 @@ fn raw_options_are_for_raw() {
     let path = dir.path().join("a.raw");
     std::fs::write(&path, b"NRRD0004").unwrap();
     assert!(
-        open(path.to_str().unwrap(), Some(raw())).is_ok(),
+        open(path.to_str().unwrap(), &OpenOptions::of_raw(raw())).is_ok(),
         "voxels may look like a header"
     );
 }
@@ -83,7 +92,7 @@ fn raw_options_are_for_raw() {
 #[test]
 fn folders_missing_files_and_globs() {
     let dir = tempfile::tempdir().unwrap();
-    let text = |spec: &str| match open(spec, None) {
+    let text = |spec: &str| match open(spec, &OpenOptions::default()) {
         Ok(_) => panic!("{spec} was opened"),
         Err(e) => e.to_string(),
     };
