@@ -78,6 +78,7 @@ fn mostly_constant(path: &Path, dims: [u64; 3], other: Option<(UVec3, &[u8; STOR
         source_name: "constant".into(),
         source_hash: 0,
         writer: "test".into(),
+        tags: Default::default(),
     };
     writer.finish(&meta).unwrap();
 }

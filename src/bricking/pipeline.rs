@@ -129,6 +129,7 @@ pub fn brick(
         levels: &levels,
         threads,
         zstd_level: options.zstd_level,
+        source_bytes: source.held_bytes(),
     };
     let memory = needs.plan(options.memory_bytes)?;
     if options.threads.is_some_and(|asked| memory.workers < asked) {
@@ -212,6 +213,7 @@ impl Job<'_> {
             outcome,
             range,
         } = self.begin::<T>(source, out, pool)?;
+        let source_tags = source.tags().into_iter().collect();
         let total = self.desc.byte_count().unwrap_or(u64::MAX);
         let dims = self.desc.dims;
         let bytes_resumed = dims.x * dims.y * slices * self.desc.voxel_type.size() as u64;
@@ -277,6 +279,7 @@ impl Job<'_> {
             source_name: self.desc.name.clone(),
             source_hash: summary.hash,
             writer: concat!("brickscope ", env!("CARGO_PKG_VERSION")).to_owned(),
+            tags: source_tags,
         };
         let bytes_out = writer.finish(&meta)?;
         Ok(BrickingReport {

@@ -139,6 +139,8 @@ pub struct Needs<'a> {
     pub threads: usize,
     /// zstd's level.
     pub zstd_level: i32,
+    /// Bytes that the source holds.
+    pub source_bytes: u64,
 }
 
 impl Needs<'_> {
@@ -182,6 +184,7 @@ impl Needs<'_> {
         let record = codec::max_record_len(self.stored_type) as u64;
         let parts = [
             BASE_BYTES,
+            self.source_bytes,
             self.slab_bytes(),
             mul(&[CHUNKS, chunk_slices, self.source_slice_bytes()]),
             mul(&[workers as u64, self.worker_bytes()]),
@@ -320,6 +323,7 @@ mod tests {
                 levels: &levels,
                 threads,
                 zstd_level: 1,
+                source_bytes: 0,
             };
             needs.plan(budget_mib << 20)
         };

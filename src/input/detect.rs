@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::files::{self, first_bytes};
 use super::options::OpenOptions;
 use super::problem::Subject;
-use super::{metaimage, nifti, nrrd, phantom, raw};
+use super::{dicom, metaimage, nifti, nrrd, phantom, raw};
 use crate::volume::{SourceError, VoxelSource};
 
 const BUILT: &str = "supported are NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), .raw with \
@@ -23,6 +23,7 @@ enum Format {
     },
     Nrrd,
     MetaImage,
+    Dicom,
     /// Known by name, not built.
     Other(&'static str),
 }
@@ -56,6 +57,22 @@ pub fn open(spec: &str, options: &OpenOptions) -> Result<Box<dyn VoxelSource>, S
     open_file(&subject, options)
 }
 
+/// As [`open`], for several files that are the slices of one volume, or all its files.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_files(
+    files: Vec<PathBuf>,
+    options: &OpenOptions,
+) -> Result<Box<dyn VoxelSource>, SourceError> {
+    let first = files.first().cloned().unwrap_or_default();
+    let subject = Subject {
+        path: &first,
+        remedy: BUILT,
+    };
+    open_slices(&subject, files, options)
+}
+
 /// Opens a file that is a volume by itself.
 fn open_file(
     subject: &Subject<'_>,
@@ -85,6 +102,12 @@ fn open_file(
         Some(Format::Nifti { compressed }) => Ok(Box::new(nifti::open(path, compressed)?)),
         Some(Format::Nrrd) => Ok(Box::new(nrrd::open(path)?)),
         Some(Format::MetaImage) => Ok(Box::new(metaimage::open(path)?)),
+        Some(Format::Dicom) => {
+            let subject = Subject::new(path);
+            let files =
+                dicom::files_of_dicomdir(&subject)?.unwrap_or_else(|| vec![path.to_owned()]);
+            Ok(Box::new(dicom::open(&files, &subject, options)?))
+        }
         Some(Format::Other(name)) => Err(subject.unsupported(name, BUILT)),
         None => {
             let shown = &first[..first.len().min(8)];
@@ -112,11 +135,30 @@ fn open_folder(
         }
     }
     let files = files::in_folder(subject)?;
+    if !files.is_empty() {
+        let contents = files.iter().find(|f| {
+            let name = f.file_name().unwrap_or_default();
+            name.eq_ignore_ascii_case("DICOMDIR")
+        });
+        if let Some(contents) = contents {
+            return open_file(
+                &Subject {
+                    path: contents,
+                    ..*subject
+                },
+                options,
+            );
+        }
+        return open_slices(subject, files, options);
+    }
+    // Media have folders of patients and studies.
+    let mut files = files::below(subject)?;
+    files.retain(|f| first_bytes(f).is_ok_and(|b| dicom::is_header(&b)));
     if files.is_empty() {
         return Err(subject.malformed(
             "the path",
             "the file of a volume",
-            "a folder without files",
+            "a folder without volumes",
         ));
     }
     open_slices(subject, files, options)
@@ -137,8 +179,9 @@ fn open_slices(
             continue;
         };
         match format(&first) {
-            Some(Format::Other("DICOM")) => {
-                return Err(subject.unsupported("a folder of DICOM slices", BUILT));
+            Some(Format::Dicom) => {
+                let subject = Subject::new(subject.path);
+                return Ok(Box::new(dicom::open(&files, &subject, options)?));
             }
             Some(Format::Other("TIFF")) => {
                 return Err(subject.unsupported("a folder of TIFF slices", BUILT));
@@ -156,6 +199,7 @@ impl Format {
             Self::Nifti { .. } => "NIfTI",
             Self::Nrrd => "NRRD",
             Self::MetaImage => "MetaImage",
+            Self::Dicom => "DICOM",
             Self::Other(name) => name,
         }
     }
@@ -196,8 +240,8 @@ fn format(bytes: &[u8]) -> Option<Format> {
     if tiff.iter().any(|magic| bytes.starts_with(*magic)) {
         return Some(Format::Other("TIFF"));
     }
-    if bytes.get(128..132) == Some(b"DICM") {
-        return Some(Format::Other("DICOM"));
+    if dicom::is_header(bytes) {
+        return Some(Format::Dicom);
     }
     if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {
         return Some(Format::Other("HDF5"));

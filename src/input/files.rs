@@ -14,6 +14,9 @@ const PEEK_BYTES: u64 = 4096;
 /// Files that one volume has at most.
 pub(super) const MOST_FILES: usize = 1 << 20;
 
+/// Folders in folders.
+const MOST_DEPTH: u32 = 8;
+
 /// The first bytes of a file; empty where it can't be read.
 pub(super) fn first_bytes(path: &Path) -> io::Result<Vec<u8>> {
     let mut first = Vec::new();
@@ -63,6 +66,37 @@ pub(super) fn of_glob(subject: &Subject<'_>, pattern: &str) -> Result<Vec<PathBu
         return Err(subject.malformed("the glob", "files that it matches", "none"));
     }
     files.sort_by(|a, b| natural(a, b));
+    Ok(files)
+}
+
+/// The files of a folder and of the folders in it, each folder's in natural order, hidden ones apart.
+///
+/// # Errors
+/// As [`in_folder`]; or folders lie too deep in each other.
+pub(super) fn below(subject: &Subject<'_>) -> Result<Vec<PathBuf>, SourceError> {
+    let failed = |e| subject.io("list the folder", e);
+    let mut files = Vec::new();
+    let mut folders = vec![(subject.path.to_owned(), 0)];
+    while let Some((folder, depth)) = folders.pop() {
+        files.extend(in_folder(&Subject {
+            path: &folder,
+            ..*subject
+        })?);
+        check_number(subject, files.len())?;
+        let mut inner = Vec::new();
+        for entry in std::fs::read_dir(&folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let is_hidden = entry.file_name().as_encoded_bytes().first() == Some(&b'.');
+            // Not through links: these may lead back.
+            if !is_hidden && entry.file_type().map_err(failed)?.is_dir() {
+                inner.push((entry.path(), depth + 1));
+            }
+        }
+        if depth < MOST_DEPTH {
+            inner.sort_by(|a, b| natural(&b.0, &a.0));
+            folders.extend(inner);
+        }
+    }
     Ok(files)
 }
 

@@ -9,6 +9,7 @@
 
 mod affine;
 mod detect;
+mod dicom;
 mod files;
 mod metaimage;
 mod nifti;
@@ -22,7 +23,7 @@ mod stream;
 mod text_header;
 mod voxel_file;
 
-pub use detect::open;
+pub use detect::{open, open_files};
 pub use options::OpenOptions;
 pub use raw::{Endian, RawParams};
 pub use voxel_file::VoxelFile;

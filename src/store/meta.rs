@@ -3,6 +3,8 @@
 //! Values (`value_min`, histogram, percentiles) are in *stored* units; [`StoreMeta::rescale`] makes them physical.
 //! Statistics are of level 0, each voxel once, borders not counted.
 
+use std::collections::BTreeMap;
+
 use glam::{DAffine3, DMat3, DVec3, U64Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -110,6 +112,8 @@ pub struct StoreMeta {
     pub source_hash: u64,
     /// Program and version that wrote the store.
     pub writer: String,
+    /// What else the source said and was asked to be kept: names and texts. Empty unless somebody asked.
+    pub tags: BTreeMap<String, String>,
 }
 
 impl StoreMeta {
@@ -157,6 +161,7 @@ impl StoreMeta {
             source_name: self.source_name.clone(),
             source_hash: format!("{:016x}", self.source_hash),
             histogram: self.histogram.clone(),
+            tags: self.tags.clone(),
         };
         serde_json::to_vec(&json).expect("invariant: plain numbers and strings become JSON")
     }
@@ -196,6 +201,7 @@ impl StoreMeta {
             source_hash: u64::from_str_radix(&json.source_hash, 16)
                 .map_err(|_| bad("a source hash of 16 hex digits", json.source_hash))?,
             writer: json.writer,
+            tags: json.tags,
         };
         meta.check(header)
             .map_err(|(expected, found)| bad(expected, found))?;
@@ -318,4 +324,6 @@ struct Json {
     source_name: String,
     source_hash: String,
     histogram: Histogram,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    tags: BTreeMap<String, String>,
 }

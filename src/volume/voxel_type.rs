@@ -43,6 +43,49 @@ impl VoxelType {
         }
     }
 
+    /// Has it fractions?
+    pub const fn is_real(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// Has it whole numbers below 0?
+    pub const fn is_signed_integer(self) -> bool {
+        matches!(self, Self::I8 | Self::I16 | Self::I32)
+    }
+
+    /// The number in the little-endian bytes of one voxel.
+    pub fn value(self, bytes: &[u8]) -> f64 {
+        /// The first bytes as an array; missing ones (never, for whole voxels) are 0.
+        fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+            bytes.first_chunk().copied().unwrap_or([0; N])
+        }
+        match self {
+            Self::U8 => f64::from(u8::from_le_bytes(first(bytes))),
+            Self::I8 => f64::from(i8::from_le_bytes(first(bytes))),
+            Self::U16 => f64::from(u16::from_le_bytes(first(bytes))),
+            Self::I16 => f64::from(i16::from_le_bytes(first(bytes))),
+            Self::U32 => f64::from(u32::from_le_bytes(first(bytes))),
+            Self::I32 => f64::from(i32::from_le_bytes(first(bytes))),
+            Self::F32 => f64::from(f32::from_le_bytes(first(bytes))),
+            Self::F64 => f64::from_le_bytes(first(bytes)),
+        }
+    }
+
+    /// Puts a number into the bytes of one voxel, little-endian; whole ones are rounded and kept to what the type can hold.
+    pub fn put(self, value: f64, out: &mut [u8]) {
+        let whole = value.round();
+        match self {
+            Self::U8 => out.copy_from_slice(&(whole as u8).to_le_bytes()),
+            Self::I8 => out.copy_from_slice(&(whole as i8).to_le_bytes()),
+            Self::U16 => out.copy_from_slice(&(whole as u16).to_le_bytes()),
+            Self::I16 => out.copy_from_slice(&(whole as i16).to_le_bytes()),
+            Self::U32 => out.copy_from_slice(&(whole as u32).to_le_bytes()),
+            Self::I32 => out.copy_from_slice(&(whole as i32).to_le_bytes()),
+            Self::F32 => out.copy_from_slice(&(value as f32).to_le_bytes()),
+            Self::F64 => out.copy_from_slice(&value.to_le_bytes()),
+        }
+    }
+
     /// Its name on the command line.
     pub const fn name(self) -> &'static str {
         match self {

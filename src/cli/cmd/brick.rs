@@ -19,12 +19,16 @@ use crate::volume::{StoredType, VoxelSource, VoxelType};
 #[command(after_help = "Examples:\n  \
     brickscope brick scan.nii.gz -o scan.bsk\n  \
     brickscope brick scan.raw --dims 512,512,300 --type i16 --spacing 0.7,0.7,1.5 -o scan.bsk\n  \
+    brickscope brick ct/ -o ct.bsk --series 1.2.840.113619.2.1.1\n  \
+    brickscope brick 'slices/*.tif' -o em.bsk --spacing 0.004,0.004,0.05\n  \
+    brickscope brick cells.ome.tif -o cells.bsk --channel 1 --time 0\n  \
     brickscope brick phantom:body:256,256,256:u16 -o body.bsk --memory 256MiB\n  \
     brickscope brick large.nrrd -o large.bsk --resume")]
 pub struct Args {
-    /// The volume: a file (found out by its content), or phantom:NAME:X,Y,Z[:TYPE]
-    #[arg(value_name = "INPUT")]
-    input: String,
+    /// The volume: a file, a folder or a glob of slices, several files (found out by their content), or
+    /// phantom:NAME:X,Y,Z[:TYPE]
+    #[arg(value_name = "INPUT", required = true)]
+    inputs: Vec<String>,
 
     /// The store to write
     #[arg(short, long, value_name = "OUT.bsk")]
@@ -86,9 +90,33 @@ pub struct Args {
     )]
     endian: Option<Endian>,
 
-    /// Raw input: distance of voxels in millimetres [default: 1,1,1]
-    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, requires = "dims", help_heading = "Raw input")]
+    /// Distance of voxels in millimetres, of raw input and of what does not say it [default: 1,1,1]
+    #[arg(long, value_name = "x,y,z", value_parser = args::vec3, help_heading = "Which volume, and where")]
     spacing: Option<DVec3>,
+
+    /// Which DICOM series, by its UID or the end of it
+    #[arg(long, value_name = "UID", help_heading = "Which volume, and where")]
+    series: Option<String>,
+
+    /// Which channel of several, from 0
+    #[arg(long, value_name = "N", help_heading = "Which volume, and where")]
+    channel: Option<u64>,
+
+    /// Which point in time of several, from 0
+    #[arg(long, value_name = "N", help_heading = "Which volume, and where")]
+    time: Option<u64>,
+
+    /// Which volume of a file or folder that has several, by its name there
+    #[arg(long, value_name = "NAME", help_heading = "Which volume, and where")]
+    dataset: Option<String>,
+
+    /// DICOM slices at uneven distances: interpolate slices at even ones, instead of refusing them
+    #[arg(long, help_heading = "Which volume, and where")]
+    resample_gaps: bool,
+
+    /// Keep what DICOM says of patient, study and acquisition in the store (info shows it); without, nothing of it is kept
+    #[arg(long, help_heading = "Which volume, and where")]
+    keep_tags: bool,
 
     /// Raw input: bytes before the first voxel [default: 0]
     #[arg(
@@ -152,11 +180,23 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let open_options = OpenOptions {
         raw,
-        ..OpenOptions::default()
+        spacing: args.spacing,
+        series: args.series.clone(),
+        channel: args.channel,
+        time: args.time,
+        dataset: args.dataset.clone(),
+        resample_gaps: args.resample_gaps,
+        keep_tags: args.keep_tags,
     };
-    let open = || input::open(&args.input, &open_options);
+    let open = || match args.inputs.as_slice() {
+        [one] => input::open(one, &open_options),
+        several => input::open_files(several.iter().map(PathBuf::from).collect(), &open_options),
+    };
     let bar = Bar::default();
     let mut source = open()?;
+    for note in source.notes() {
+        bar.note(&note);
+    }
     let mut result = bricking::brick(&mut *source, &args.output, &options, &bar);
     if let Err(BrickError::FiniteRangeNeeded { .. }) = &result {
         bar.note(
@@ -186,17 +226,19 @@ pub(super) fn limit_source_threads(threads: usize) {
 }
 
 fn raw_params(args: &Args) -> anyhow::Result<Option<RawParams>> {
+    if let Some(spacing) = args.spacing {
+        anyhow::ensure!(
+            spacing.min_element() > 0.0,
+            "--spacing {},{},{}: expected three numbers above 0",
+            spacing.x,
+            spacing.y,
+            spacing.z
+        );
+    }
     let (Some(dims), Some(voxel_type)) = (args.dims, args.voxel_type) else {
         return Ok(None);
     };
     let spacing = args.spacing.unwrap_or(DVec3::ONE);
-    anyhow::ensure!(
-        spacing.min_element() > 0.0,
-        "--spacing {},{},{}: expected three numbers above 0",
-        spacing.x,
-        spacing.y,
-        spacing.z
-    );
     Ok(Some(RawParams {
         dims,
         voxel_type,

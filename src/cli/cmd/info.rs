@@ -143,6 +143,7 @@ fn to_json(store: &Store, counts: &[LevelCount]) -> Value {
         "source": meta.source_name,
         "source_hash": format!("{:016x}", meta.source_hash),
         "writer": meta.writer,
+        "tags": meta.tags,
     })
 }
 
@@ -212,6 +213,9 @@ fn write_text(store: &Store, counts: &[LevelCount], out: &mut impl Write) -> io:
             &format!("p{name}"),
             format!("{}{unit}", meta.rescale.physical(value)),
         )?;
+    }
+    for (name, text) in &meta.tags {
+        line("tag", format!("{name} = {text}"))?;
     }
     Ok(())
 }

@@ -57,7 +57,7 @@ fn what_cannot_be_opened_says_why() {
         ("empty.nii", &b""[..], "an empty file"),
         ("a.tif", b"II*\0....", "TIFF is not supported"),
         ("big.tif", b"MM\0+....", "TIFF is not supported"),
-        ("a", &dicom, "DICOM is not supported"),
+        ("a", &dicom, "(0002,0010)"),
         (
             "a.vti",
             b"<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\">",
@@ -111,6 +111,6 @@ fn folders_missing_files_and_globs() {
         text(missing.to_str().unwrap()).contains("cannot open"),
         "missing"
     );
-    assert!(text("/no/such/*.tif").contains("glob"), "glob");
+    assert!(text("/no/such/*.tif").contains("the glob"), "glob");
     assert!(text("https://example.org/a.zarr").contains("URL"), "URL");
 }
