@@ -27,3 +27,13 @@ pub use detect::{open, open_files};
 pub use options::OpenOptions;
 pub use raw::{Endian, RawParams};
 pub use voxel_file::VoxelFile;
+
+/// Cases of each test that damages bytes; a thousand here, as many as `BRICKSCOPE_MUTATIONS` says (at build time) elsewhere.
+#[cfg(test)]
+const MUTATIONS: u32 = match option_env!("BRICKSCOPE_MUTATIONS") {
+    None => 1000,
+    Some(text) => match u32::from_str_radix(text, 10) {
+        Ok(cases) => cases,
+        Err(_) => panic!("BRICKSCOPE_MUTATIONS: expected a number"),
+    },
+};

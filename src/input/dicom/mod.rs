@@ -11,6 +11,7 @@ mod dataset;
 mod dicomdir;
 mod geometry;
 mod image;
+mod jpegls;
 mod open;
 mod pixels;
 mod series;
@@ -18,3 +19,6 @@ mod volume;
 
 pub(super) use dicomdir::files_of as files_of_dicomdir;
 pub(super) use open::{is_header, open};
+
+#[cfg(test)]
+mod tests;

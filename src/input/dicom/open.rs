@@ -43,7 +43,7 @@ pub(in super::super) fn open(
     let groups = series::groups(&images);
     let group = series::choose(groups, options.series.as_deref(), &mut notes)
         .map_err(|why| unchosen(subject, why, options))?;
-    let layout = Layout::of(group.pictures.clone(), subject, &group, options, &mut notes)?;
+    let layout = Layout::of(&images, subject, &group, options, &mut notes)?;
     stack(images, &group, layout, subject, options, notes)
 }
 
@@ -140,14 +140,14 @@ struct Layout {
 
 impl Layout {
     fn of(
-        pictures: Vec<Picture>,
+        images: &[Image],
         subject: &Subject<'_>,
         group: &Group,
         options: &OpenOptions,
         notes: &mut Vec<String>,
     ) -> Result<Self, SourceError> {
-        let Some(ordered) = geometry::ordered(pictures.clone()) else {
-            let mut slices = pictures;
+        let Some(ordered) = geometry::ordered(group.pictures.clone()) else {
+            let mut slices = group.pictures.clone();
             slices.sort_by(|a, b| a.instance.total_cmp(&b.instance));
             notes.push("pictures without a place: ordered by their numbers".into());
             return Ok(Self {
@@ -157,7 +157,7 @@ impl Layout {
             });
         };
         let along_mm = ordered.along_mm.clone();
-        let slices = one_at_each_place(ordered, subject, options, notes)?;
+        let slices = one_at_each_place(ordered, images, subject, options, notes)?;
         let positions: Vec<DVec3> = slices.iter().filter_map(|s| s.position).collect();
         let pixel_mm = slices[0].spacing.map_or(1.0, |[x, y]| x.min(y));
         if !geometry::are_on_a_line(&positions, pixel_mm) {
@@ -200,6 +200,7 @@ impl Layout {
 /// One picture for each place: of several volumes the one that was chosen.
 fn one_at_each_place(
     ordered: Ordered,
+    images: &[Image],
     subject: &Subject<'_>,
     options: &OpenOptions,
     notes: &mut Vec<String>,
@@ -207,13 +208,20 @@ fn one_at_each_place(
     let counts = || ordered.places.iter().map(Vec::len);
     let (least, most) = (counts().min().unwrap_or(0), counts().max().unwrap_or(0));
     if most > 1 && least != most {
+        let file = |p: &Picture| match images[p.file].path.file_name() {
+            Some(name) if images[p.file].frames == 1 => name.to_string_lossy().into_owned(),
+            _ => format!("frame {}", p.frame),
+        };
         let double: Vec<String> = ordered
             .places
             .iter()
             .zip(&ordered.along_mm)
             .filter(|(p, _)| p.len() > least)
             .take(MOST_NAMED)
-            .map(|(p, mm)| format!("{} at {mm:.3} mm", p.len()))
+            .map(|(p, mm)| {
+                let files: Vec<String> = p.iter().take(MOST_NAMED).map(file).collect();
+                format!("{} at {mm:.3} mm ({})", p.len(), files.join(", "))
+            })
             .collect();
         let subject = Subject {
             remedy: "take out the files that are double",

@@ -13,6 +13,7 @@ use super::super::problem::Subject;
 use super::super::voxel_file::{read_exact_at, swap_bytes};
 use super::dataset::{DEFLATED, EXPLICIT_BIG, PixelPlace, inflated, unknown_syntax};
 use super::image::{Image, PixelForm};
+use super::jpegls;
 use crate::volume::SourceError;
 
 /// Items that a file's pixels have at most.
@@ -224,10 +225,9 @@ fn decompress(
         "1.2.840.10008.1.2.4.90" | "1.2.840.10008.1.2.4.91" => {
             jpeg2000(&image.form, bytes, out).map_err(failed)
         }
-        "1.2.840.10008.1.2.4.80" | "1.2.840.10008.1.2.4.81" => Err(subject.unsupported(
-            "JPEG-LS",
-            "supported are uncompressed, deflated, RLE, JPEG (8 bit and lossless) and JPEG 2000",
-        )),
+        "1.2.840.10008.1.2.4.80" | "1.2.840.10008.1.2.4.81" => {
+            jpeg_ls(&image.form, bytes, out).map_err(failed)
+        }
         "1.2.840.10008.1.2.4.50"
         | "1.2.840.10008.1.2.4.51"
         | "1.2.840.10008.1.2.4.57"
@@ -260,6 +260,11 @@ fn jpeg(form: &PixelForm, bytes: &[u8], out: &mut [u8]) -> Result<(), String> {
             .collect(),
     };
     store(form, values.into_iter().map(u32::from), out)
+}
+
+fn jpeg_ls(form: &PixelForm, bytes: &[u8], out: &mut [u8]) -> Result<(), String> {
+    let samples = jpegls::decode(bytes, [form.columns, form.rows])?;
+    store(form, samples.into_iter().map(u32::from), out)
 }
 
 fn jpeg2000(form: &PixelForm, bytes: &[u8], out: &mut [u8]) -> Result<(), String> {
