@@ -6,14 +6,18 @@ use std::path::{Path, PathBuf};
 use super::files::{self, first_bytes};
 use super::options::OpenOptions;
 use super::problem::Subject;
-use super::{dicom, metaimage, nifti, nrrd, phantom, raw};
+use super::{dicom, metaimage, mgh, mrc, nifti, nrrd, pair, phantom, raw, vti};
 use crate::volume::{SourceError, VoxelSource};
 
-const BUILT: &str = "supported are NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), .raw with \
-                     --dims and --type, and phantom:NAME:X,Y,Z[:TYPE]";
+const BUILT: &str = "supported are DICOM (a folder, files, DICOMDIR), NIfTI (.nii, .nii.gz, .hdr with .img), ANALYZE 7.5 (.hdr with .img), NRRD (.nrrd, .nhdr), \
+                     MetaImage (.mha, .mhd), MGH (.mgh, .mgz), MRC and CCP4 (.mrc, .map, .rec, .st), VTK XML images (.vti), \
+                     .raw with --dims and --type, and phantom:NAME:X,Y,Z[:TYPE]";
 
 /// Files of a folder that are looked at to tell what it holds.
 const PEEK_FILES: usize = 64;
+
+/// Decompressed bytes of a gzip file that are looked at.
+const PEEK_INSIDE_BYTES: u64 = 1024;
 
 /// What a file holds, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +28,13 @@ enum Format {
     Nrrd,
     MetaImage,
     Dicom,
+    Mgh {
+        compressed: bool,
+    },
+    Mrc {
+        compressed: bool,
+    },
+    Vti,
     /// Known by name, not built.
     Other(&'static str),
 }
@@ -98,8 +109,11 @@ fn open_file(
             _ => Ok(Box::new(raw::open(path, params)?)),
         };
     }
+    if let Some((header, compressed)) = header_of_pair(path) {
+        return Ok(Box::new(nifti::open(&header, compressed, options)?));
+    }
     match format {
-        Some(Format::Nifti { compressed }) => Ok(Box::new(nifti::open(path, compressed)?)),
+        Some(Format::Nifti { compressed }) => Ok(Box::new(nifti::open(path, compressed, options)?)),
         Some(Format::Nrrd) => Ok(Box::new(nrrd::open(path)?)),
         Some(Format::MetaImage) => Ok(Box::new(metaimage::open(path)?)),
         Some(Format::Dicom) => {
@@ -108,7 +122,21 @@ fn open_file(
                 dicom::files_of_dicomdir(&subject)?.unwrap_or_else(|| vec![path.to_owned()]);
             Ok(Box::new(dicom::open(&files, &subject, options)?))
         }
+        Some(Format::Mgh { compressed }) => Ok(Box::new(mgh::open(path, compressed, options)?)),
+        Some(Format::Mrc { compressed }) => mrc::open(path, compressed, options),
+        Some(Format::Vti) => vti::open(path, options),
         Some(Format::Other(name)) => Err(subject.unsupported(name, BUILT)),
+        None if pair::is_image(path) => {
+            let subject = Subject {
+                remedy: "put the header beside it, or if these are bare voxels, say what they are with --dims and --type",
+                ..*subject
+            };
+            Err(subject.malformed(
+                "the header of these voxels",
+                "a NIfTI or ANALYZE header of the same name that ends in .hdr",
+                "none",
+            ))
+        }
         None => {
             let shown = &first[..first.len().min(8)];
             let subject = Subject {
@@ -121,6 +149,15 @@ fn open_file(
                 format!("bytes {shown:02x?}"),
             ))
         }
+    }
+}
+
+/// The NIfTI or ANALYZE header that stands beside the file of voxels `path`, and whether it is gzip.
+fn header_of_pair(path: &Path) -> Option<(PathBuf, bool)> {
+    let header = pair::header_of(path)?;
+    match format(&first_bytes(&header).ok()?) {
+        Some(Format::Nifti { compressed }) => Some((header, compressed)),
+        _ => None,
     }
 }
 
@@ -200,6 +237,9 @@ impl Format {
             Self::Nrrd => "NRRD",
             Self::MetaImage => "MetaImage",
             Self::Dicom => "DICOM",
+            Self::Mgh { .. } => "MGH",
+            Self::Mrc { .. } => "MRC",
+            Self::Vti => "VTK XML",
             Self::Other(name) => name,
         }
     }
@@ -222,16 +262,14 @@ fn format(bytes: &[u8]) -> Option<Format> {
         return Some(Format::Nrrd);
     }
     if bytes.starts_with(&[0x1f, 0x8b]) {
-        let mut inner = [0; 4];
-        let is_nifti = flate2::bufread::GzDecoder::new(bytes)
-            .read_exact(&mut inner)
-            .is_ok()
-            && nifti::is_header(&inner);
-        return Some(if is_nifti {
-            Format::Nifti { compressed: true }
-        } else {
-            Format::Other("gzip of something other than NIfTI")
-        });
+        return Some(format_in_gzip(bytes));
+    }
+    // Before MGH, which has no magic.
+    if mrc::is_header(bytes) {
+        return Some(Format::Mrc { compressed: false });
+    }
+    if mgh::is_header(bytes) {
+        return Some(Format::Mgh { compressed: false });
     }
     if metaimage::is_header(bytes) {
         return Some(Format::MetaImage);
@@ -246,12 +284,31 @@ fn format(bytes: &[u8]) -> Option<Format> {
     if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {
         return Some(Format::Other("HDF5"));
     }
-    let text = String::from_utf8_lossy(bytes);
-    if text.contains("<VTKFile") {
-        return Some(Format::Other("VTK XML (.vti)"));
+    if vti::is_header(bytes) {
+        return Some(Format::Vti);
     }
-    text.starts_with("# vtk DataFile")
+    bytes
+        .starts_with(b"# vtk DataFile")
         .then_some(Format::Other("VTK legacy"))
+}
+
+/// The format of a gzip file that begins with `bytes`.
+fn format_in_gzip(bytes: &[u8]) -> Format {
+    let mut inner = Vec::new();
+    // The stream is cut where `bytes` end: what came before counts.
+    let _ = flate2::bufread::GzDecoder::new(bytes)
+        .take(PEEK_INSIDE_BYTES)
+        .read_to_end(&mut inner);
+    let compressed = true;
+    if nifti::is_header(&inner) {
+        Format::Nifti { compressed }
+    } else if mrc::is_header(&inner) {
+        Format::Mrc { compressed }
+    } else if mgh::is_header(&inner) {
+        Format::Mgh { compressed }
+    } else {
+        Format::Other("gzip of something other than NIfTI, MGH or MRC")
+    }
 }
 
 #[cfg(test)]

@@ -8,13 +8,19 @@
 //! Files are untrusted: every header field is checked before it is used, nothing is allocated by a header's word.
 
 mod affine;
+mod analyze;
+mod choice;
+mod contents;
 mod detect;
 mod dicom;
 mod files;
 mod metaimage;
+mod mgh;
+mod mrc;
 mod nifti;
 mod nrrd;
 mod options;
+mod pair;
 pub mod phantom;
 mod problem;
 mod raw;
@@ -22,6 +28,7 @@ mod stack;
 mod stream;
 mod text_header;
 mod voxel_file;
+mod vti;
 
 pub use detect::{open, open_files};
 pub use options::OpenOptions;

@@ -5,7 +5,7 @@
 
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::U64Vec3;
 
@@ -24,6 +24,7 @@ pub struct VoxelFile {
     path: PathBuf,
     endian: Endian,
     voxels: Voxels,
+    notes: Vec<String>,
 }
 
 enum Voxels {
@@ -34,6 +35,8 @@ enum Voxels {
     Stream {
         reader: Box<dyn Read + Send>,
         compression: Compression,
+        /// Decompressed bytes that were skipped before the first voxel.
+        skipped: u64,
         next_z: u64,
     },
 }
@@ -83,6 +86,7 @@ impl VoxelFile {
             path: subject.path.to_owned(),
             endian,
             voxels: Voxels::Plain { file, start },
+            notes: Vec::new(),
         })
     }
 
@@ -116,9 +120,24 @@ impl VoxelFile {
             voxels: Voxels::Stream {
                 reader,
                 compression,
+                skipped: 0,
                 next_z: 0,
             },
+            notes: Vec::new(),
         })
+    }
+
+    /// A stream of which `bytes` bytes were skipped before it was given: what tells one volume in a file from another.
+    pub(super) fn behind(mut self, bytes: u64) -> Self {
+        if let Voxels::Stream { skipped, .. } = &mut self.voxels {
+            *skipped = bytes;
+        }
+        self
+    }
+
+    /// With remarks for the user, as [`VoxelSource::notes`].
+    pub(super) fn with_notes(self, notes: Vec<String>) -> Self {
+        Self { notes, ..self }
     }
 }
 
@@ -150,6 +169,7 @@ impl VoxelSource for VoxelFile {
                 reader,
                 compression,
                 next_z,
+                ..
             } => {
                 let whole_slices = voxels.min.truncate() == glam::U64Vec2::ZERO
                     && voxels.max.truncate() == dims.truncate();
@@ -183,24 +203,37 @@ impl VoxelSource for VoxelFile {
     fn stamp(&self) -> String {
         let place = match &self.voxels {
             Voxels::Plain { start, .. } => format!("from byte {start} on"),
-            Voxels::Stream { compression, .. } => compression.name().to_owned(),
+            Voxels::Stream {
+                compression,
+                skipped,
+                ..
+            } => format!("{} from byte {skipped} on", compression.name()),
         };
         let endian = self.endian;
-        let Ok(info) = std::fs::metadata(&self.path) else {
-            return format!("gone, {place}, {endian:?}");
-        };
-        let changed = info
-            .modified()
-            .ok()
-            .and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
-            .unwrap_or_default();
-        format!(
-            "{} bytes, changed at {}.{:09} (Unix time), {place}, {endian:?}",
-            info.len(),
-            changed.as_secs(),
-            changed.subsec_nanos(),
-        )
+        format!("{}, {place}, {endian:?}", file_stamp(&self.path))
     }
+
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+}
+
+/// Length and time of the last change of a file, in words, as [`VoxelSource::stamp`] is to tell them.
+pub(super) fn file_stamp(path: &Path) -> String {
+    let Ok(info) = std::fs::metadata(path) else {
+        return "gone".to_owned();
+    };
+    let changed = info
+        .modified()
+        .ok()
+        .and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
+        .unwrap_or_default();
+    format!(
+        "{} bytes, changed at {}.{:09} (Unix time)",
+        info.len(),
+        changed.as_secs(),
+        changed.subsec_nanos(),
+    )
 }
 
 /// Reads the rows of `voxels`, as few and long reads as the box allows.
@@ -266,11 +299,13 @@ fn read_ahead(file: &File, at: u64, len: usize) {
     let _ = (file, at, len);
 }
 
+/// Fills `out` from byte `at` on.
 #[cfg(unix)]
 pub(super) fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, out, at)
 }
 
+/// Fills `out` from byte `at` on.
 #[cfg(windows)]
 pub(super) fn read_exact_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
     while !out.is_empty() {

@@ -105,7 +105,7 @@ pub enum SourceError {
     Unsupported {
         /// The file.
         path: PathBuf,
-        /// What it holds: `4-D data (5 time points)`.
+        /// What it holds: `RGB voxels (datatype 128)`.
         what: String,
         /// What is supported instead, or what to do.
         supported: String,

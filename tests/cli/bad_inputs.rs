@@ -139,7 +139,7 @@ fn bad_volumes() {
         (
             "4d.nii",
             changed(40, &four),
-            &["4-D data (5 time points)", "not supported"],
+            &["5 points in time, 0 to 4", "choose one with --time N"],
         ),
         (
             "rgb.nii",

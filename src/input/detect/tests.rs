@@ -61,14 +61,90 @@ fn what_cannot_be_opened_says_why() {
         (
             "a.vti",
             b"<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\">",
-            "VTK XML",
+            "the VTK XML",
         ),
+        (
+            "a.vtp",
+            b"<VTKFile type=\"PolyData\"></VTKFile>",
+            "VTK XML of type \"PolyData\" is not supported",
+        ),
+        ("a.vtk", b"# vtk DataFile Version 3.0\n", "VTK legacy"),
+        ("a.img", b"bare voxels", "the header of these voxels"),
         ("a.gz", &[0x1f, 0x8b, 8, 0, 0], "gzip of something"),
         ("a.raw", b"bare voxels", "--dims"),
     ] {
         let error = refused(name, bytes, None);
         assert!(error.contains(word), "{name}: {error}");
     }
+}
+
+#[test]
+fn small_formats_are_told_by_content() {
+    let mut mgh = vec![0; 284];
+    for (i, n) in [1i32, 2, 3, 4, 1, 0].into_iter().enumerate() {
+        mgh[4 * i..4 * i + 4].copy_from_slice(&n.to_be_bytes());
+    }
+    let mut mrc = vec![0; 1024];
+    for (word, n) in [(0, 2i32), (1, 3), (2, 4), (3, 2), (16, 1), (17, 2), (18, 3)] {
+        mrc[4 * word..4 * word + 4].copy_from_slice(&n.to_le_bytes());
+    }
+    let mut old = mrc.clone();
+    mrc[208..212].copy_from_slice(b"MAP ");
+    let compressed = false;
+    assert_eq!(format(&mgh), Some(Format::Mgh { compressed }), "MGH");
+    assert_eq!(format(&mrc), Some(Format::Mrc { compressed }), "MRC");
+    assert_eq!(
+        format(&old),
+        Some(Format::Mrc { compressed }),
+        "MRC before its mark"
+    );
+    old[64] = 2;
+    assert_eq!(format(&old), None, "an axis twice");
+    for (bytes, expected) in [
+        (&mgh, Format::Mgh { compressed: true }),
+        (&mrc, Format::Mrc { compressed: true }),
+    ] {
+        let mut e = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut e, bytes).unwrap();
+        let packed = e.finish().unwrap();
+        assert_eq!(format(&packed), Some(expected), "in gzip");
+        assert_eq!(
+            format(&packed[..packed.len() - 9]),
+            Some(expected),
+            "the first bytes of gzip"
+        );
+    }
+    mgh[23] = 11;
+    assert_eq!(format(&mgh), None, "a type that MGH does not have");
+}
+
+#[test]
+fn either_file_of_a_pair_opens_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut header = vec![0u8; 348];
+    header[..4].copy_from_slice(&348u32.to_le_bytes());
+    for (i, n) in [3i16, 2, 2, 2].into_iter().enumerate() {
+        header[40 + 2 * i..42 + 2 * i].copy_from_slice(&n.to_le_bytes());
+    }
+    header[70] = 2;
+    for i in 1..4 {
+        header[76 + 4 * i..80 + 4 * i].copy_from_slice(&1f32.to_le_bytes());
+    }
+    std::fs::write(dir.path().join("a.hdr"), header).unwrap();
+    std::fs::write(dir.path().join("a.img"), [3; 8]).unwrap();
+    for name in ["a.hdr", "a.img"] {
+        let path = dir.path().join(name);
+        let source = open(path.to_str().unwrap(), &Default::default()).unwrap();
+        assert_eq!(source.desc().dims, U64Vec3::splat(2), "{name}");
+        assert!(!source.notes().is_empty(), "{name}: what was not known");
+    }
+    let mut params = raw();
+    params.dims.z = 2;
+    let path = dir.path().join("a.img");
+    assert!(
+        open(path.to_str().unwrap(), &OpenOptions::of_raw(params)).is_ok(),
+        "whoever says what the voxels are is believed"
+    );
 }
 
 #[test]

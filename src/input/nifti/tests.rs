@@ -3,8 +3,10 @@
 use std::io::Write;
 
 use flate2::write::GzEncoder;
+use glam::{DAffine3, DMat3, DVec3, U64Vec3};
 use proptest::prelude::*;
 
+use super::header::{Layout, NIFTI_1, NIFTI_2};
 use super::*;
 use crate::geom::VoxelBox;
 use crate::volume::{ReadOrder, VoxelSource};
@@ -109,9 +111,18 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
 
 /// Opens and reads all of a file that holds `bytes`.
 fn read(bytes: &[u8], compressed: bool) -> Result<(VolumeDesc, Vec<u8>), SourceError> {
+    read_chosen(bytes, compressed, &OpenOptions::default())
+}
+
+/// As [`read`], of the volume that `options` choose.
+fn read_chosen(
+    bytes: &[u8],
+    compressed: bool,
+    options: &OpenOptions,
+) -> Result<(VolumeDesc, Vec<u8>), SourceError> {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), bytes).unwrap();
-    let mut source = open(file.path(), compressed)?;
+    let mut source = open(file.path(), compressed, options)?;
     let desc = source.desc().clone();
     let mut out = vec![0; desc.byte_count().unwrap() as usize];
     let mut whole = VoxelBox::whole(desc.dims);
@@ -228,17 +239,173 @@ fn what_is_not_built_is_refused_by_name() {
     refused(
         &|s| {
             let dim = s.layout.dim;
-            s.int(dim, 0, 4);
-            s.int(dim, 4, 5);
+            s.int(dim, 0, 6);
+            s.int(dim, 6, 5);
         },
-        "5 time points",
+        "6-D data",
     );
     refused(&|s| s.put(s.layout.datatype, &128i16.to_le_bytes()), "RGB");
     refused(
         &|s| s.put(s.layout.datatype, &32i16.to_le_bytes()),
         "complex",
     );
-    refused(&|s| s.bytes[s.layout.magic + 1] = b'i', ".hdr/.img");
+}
+
+#[test]
+fn one_of_several_volumes_is_chosen() {
+    for mut sample in samples() {
+        let dim = sample.layout.dim;
+        sample.int(dim, 0, 5);
+        sample.int(dim, 3, 1);
+        sample.int(dim, 4, 2);
+        // Two slices become two points in time; two channels need as many voxels again.
+        sample.int(dim, 5, 2);
+        let first = sample.bytes.len() - 24;
+        let more: Vec<u8> = sample.bytes[first..].iter().map(|b| !b).collect();
+        sample.bytes.extend(more);
+        for compressed in [false, true] {
+            let bytes = if compressed {
+                gzip(&sample.bytes)
+            } else {
+                sample.bytes.clone()
+            };
+            let chosen = |time, channel| {
+                let options = OpenOptions {
+                    time,
+                    channel,
+                    ..OpenOptions::default()
+                };
+                read_chosen(&bytes, compressed, &options)
+                    .map(|(_, voxels)| voxels)
+                    .map_err(|e| e.to_string())
+            };
+            let of = |from: i16| -> Vec<u8> {
+                let voxels = from..from + 6;
+                voxels.flat_map(i16::to_le_bytes).collect()
+            };
+            let inverted = |from| -> Vec<u8> { of(from).iter().map(|b| !b).collect() };
+            assert_eq!(chosen(Some(0), Some(0)), Ok(of(-2)), "the first volume");
+            assert_eq!(
+                chosen(Some(1), Some(0)),
+                Ok(of(4)),
+                "the second point in time"
+            );
+            assert_eq!(
+                chosen(Some(0), Some(1)),
+                Ok(inverted(-2)),
+                "the second channel"
+            );
+            assert_eq!(chosen(Some(1), Some(1)), Ok(inverted(4)), "the last volume");
+            for (time, channel, word) in [
+                (None, Some(0), "--time N"),
+                (Some(0), None, "--channel N"),
+                (Some(2), Some(0), "0 to 1, found 2"),
+            ] {
+                let error = chosen(time, channel).unwrap_err();
+                assert!(error.contains(word), "{word}: {error}");
+            }
+        }
+        sample.int(
+            dim,
+            4,
+            if sample.layout.wide {
+                i64::MAX
+            } else {
+                i64::from(i16::MAX)
+            },
+        );
+        let options = OpenOptions {
+            time: Some(30_000),
+            channel: Some(1),
+            ..OpenOptions::default()
+        };
+        for compressed in [false, true] {
+            let bytes = if compressed {
+                gzip(&sample.bytes)
+            } else {
+                sample.bytes.clone()
+            };
+            assert!(
+                read_chosen(&bytes, compressed, &options).is_err(),
+                "a volume beyond the end"
+            );
+        }
+    }
+}
+
+#[test]
+fn pairs_have_their_voxels_in_another_file() {
+    let dir = tempfile::tempdir().unwrap();
+    for mut sample in samples() {
+        let layout = sample.layout;
+        sample.bytes[layout.magic + 1] = b'i';
+        let voxels = sample.bytes.split_off(layout.header_bytes + 4);
+        if layout.wide {
+            sample.int(layout.vox_offset, 0, 16);
+        } else {
+            sample.real(layout.vox_offset, 0, 16.0);
+        }
+        let image: Vec<u8> = [7; 16].into_iter().chain(voxels).collect();
+        let header = dir.path().join("a.hdr");
+        std::fs::write(&header, &sample.bytes).unwrap();
+        let options = OpenOptions::default();
+        let error = open(&header, false, &options).err().unwrap().to_string();
+        assert!(error.contains("a.img"), "missing: {error}");
+
+        std::fs::write(dir.path().join("a.img"), &image).unwrap();
+        let mut source = open(&header, false, &options).unwrap();
+        let mut out = vec![0; 24];
+        source
+            .read_box(VoxelBox::whole(source.desc().dims), &mut out)
+            .unwrap();
+        let expected: Vec<u8> = (-2i16..10).flat_map(i16::to_le_bytes).collect();
+        assert_eq!(out, expected, "voxels");
+
+        std::fs::write(dir.path().join("a.img"), &image[..30]).unwrap();
+        let error = open(&header, false, &options).err().unwrap().to_string();
+        assert!(
+            error.contains("a.img") && error.contains("30 bytes"),
+            "short: {error}"
+        );
+        std::fs::remove_file(dir.path().join("a.img")).unwrap();
+    }
+}
+
+#[test]
+fn stamps_tell_the_volumes_of_a_file_apart() {
+    let mut sample = Sample::new(&NIFTI_1, false);
+    sample.int(NIFTI_1.dim, 0, 4);
+    sample.int(NIFTI_1.dim, 3, 1);
+    sample.int(NIFTI_1.dim, 4, 2);
+    let file = tempfile::NamedTempFile::new().unwrap();
+    for (compressed, bytes) in [(false, sample.bytes.clone()), (true, gzip(&sample.bytes))] {
+        std::fs::write(file.path(), bytes).unwrap();
+        let stamp = |time| {
+            let options = OpenOptions {
+                time: Some(time),
+                ..OpenOptions::default()
+            };
+            open(file.path(), compressed, &options).unwrap().stamp()
+        };
+        assert_ne!(
+            stamp(0),
+            stamp(1),
+            "a store begun with one is not gone on with the other"
+        );
+    }
+}
+
+#[test]
+fn a_cut_file_is_refused_at_every_length() {
+    for sample in samples() {
+        for n in 0..sample.bytes.len() {
+            assert!(read(&sample.bytes[..n], false).is_err(), "{n} bytes");
+        }
+        let packed = gzip(&sample.bytes);
+        for n in 0..packed.len() {
+            assert!(read(&packed[..n], true).is_err(), "{n} bytes of gzip");
+        }
+    }
 }
 
 #[test]
@@ -282,7 +449,10 @@ fn too_few_voxels_are_refused_at_once() {
         };
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), &bytes).unwrap();
-        let error = open(file.path(), compressed).err().unwrap().to_string();
+        let error = open(file.path(), compressed, &OpenOptions::default())
+            .err()
+            .unwrap()
+            .to_string();
         assert!(error.contains("2000000000000 bytes"), "{error}");
     }
 }
@@ -328,6 +498,6 @@ proptest! {
         let bytes = if compressed { gzip(&sample.bytes) } else { sample.bytes };
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), bytes).unwrap();
-        let _ = open(file.path(), compressed);
+        let _ = open(file.path(), compressed, &OpenOptions::default());
     }
 }
