@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use super::files::{self, first_bytes};
 use super::options::OpenOptions;
 use super::problem::Subject;
-use super::{metaimage, nifti, nrrd, phantom, raw};
+use super::{metaimage, nifti, nrrd, phantom, picture, raw, tiff};
 use crate::volume::{SourceError, VoxelSource};
 
-const BUILT: &str = "supported are NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), .raw with \
-                     --dims and --type, and phantom:NAME:X,Y,Z[:TYPE]";
+const BUILT: &str = "supported are NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), TIFF (.tif), \
+                     folders and globs of TIFF, PNG or JPEG slices, .raw with --dims and --type, and \
+                     phantom:NAME:X,Y,Z[:TYPE]";
 
 /// Files of a folder that are looked at to tell what it holds.
 const PEEK_FILES: usize = 64;
@@ -23,6 +24,9 @@ enum Format {
     },
     Nrrd,
     MetaImage,
+    Tiff,
+    Png,
+    Jpeg,
     /// Known by name, not built.
     Other(&'static str),
 }
@@ -85,6 +89,8 @@ fn open_file(
         Some(Format::Nifti { compressed }) => Ok(Box::new(nifti::open(path, compressed)?)),
         Some(Format::Nrrd) => Ok(Box::new(nrrd::open(path)?)),
         Some(Format::MetaImage) => Ok(Box::new(metaimage::open(path)?)),
+        Some(Format::Tiff) => tiff::open(&[path.to_owned()], subject, options),
+        Some(Format::Png | Format::Jpeg) => picture::open(&[path.to_owned()], subject, options),
         Some(Format::Other(name)) => Err(subject.unsupported(name, BUILT)),
         None => {
             let shown = &first[..first.len().min(8)];
@@ -140,8 +146,13 @@ fn open_slices(
             Some(Format::Other("DICOM")) => {
                 return Err(subject.unsupported("a folder of DICOM slices", BUILT));
             }
-            Some(Format::Other("TIFF")) => {
-                return Err(subject.unsupported("a folder of TIFF slices", BUILT));
+            Some(Format::Tiff) => {
+                let slices = slices_among(subject, &files, Format::Tiff)?;
+                return tiff::open(&slices, subject, options);
+            }
+            Some(kind @ (Format::Png | Format::Jpeg)) => {
+                let slices = slices_among(subject, &files, kind)?;
+                return picture::open(&slices, subject, options);
             }
             Some(_) => found = "a folder of volumes; name the file of one",
             None => {}
@@ -150,12 +161,51 @@ fn open_slices(
     Err(subject.malformed("the path", "the file of a volume", found))
 }
 
+/// The files that hold `kind`. In a folder others may lie beside them, unless their names or formats say that they belong
+/// to a volume: a damaged slice is not to be left out unseen.
+fn slices_among(
+    subject: &Subject<'_>,
+    files: &[PathBuf],
+    kind: Format,
+) -> Result<Vec<PathBuf>, SourceError> {
+    let mut slices = Vec::new();
+    let mut others = Vec::new();
+    for file in files {
+        let first = first_bytes(file).map_err(|e| Subject::new(file).io("open", e))?;
+        match format(&first) {
+            Some(found) if found == kind => slices.push(file.clone()),
+            found => others.push((file, found)),
+        }
+    }
+    let ending = |file: &Path| file.extension().map(|e| e.to_ascii_lowercase());
+    for (file, found) in others {
+        let is_apart = found.is_none()
+            && subject.path.is_dir()
+            && slices.iter().all(|slice| ending(slice) != ending(file));
+        if !is_apart {
+            let subject = Subject {
+                remedy: "name the slices of one volume by a glob",
+                ..Subject::new(file)
+            };
+            return Err(subject.malformed(
+                "the first bytes",
+                format!("a {} slice, as beside it", kind.name()),
+                found.map_or("no format that is known", Format::name),
+            ));
+        }
+    }
+    Ok(slices)
+}
+
 impl Format {
     const fn name(self) -> &'static str {
         match self {
             Self::Nifti { .. } => "NIfTI",
             Self::Nrrd => "NRRD",
             Self::MetaImage => "MetaImage",
+            Self::Tiff => "TIFF",
+            Self::Png => "PNG",
+            Self::Jpeg => "JPEG",
             Self::Other(name) => name,
         }
     }
@@ -192,9 +242,14 @@ fn format(bytes: &[u8]) -> Option<Format> {
     if metaimage::is_header(bytes) {
         return Some(Format::MetaImage);
     }
-    let tiff = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
-    if tiff.iter().any(|magic| bytes.starts_with(*magic)) {
-        return Some(Format::Other("TIFF"));
+    if tiff::is_header(bytes) {
+        return Some(Format::Tiff);
+    }
+    if picture::is_png(bytes) {
+        return Some(Format::Png);
+    }
+    if picture::is_jpeg(bytes) {
+        return Some(Format::Jpeg);
     }
     if bytes.get(128..132) == Some(b"DICM") {
         return Some(Format::Other("DICOM"));

@@ -10,16 +10,21 @@
 mod affine;
 mod detect;
 mod files;
+mod jpeg;
 mod metaimage;
 mod nifti;
 mod nrrd;
 mod options;
 pub mod phantom;
+mod picture;
 mod problem;
 mod raw;
+mod spacing;
 mod stack;
+mod stamp;
 mod stream;
 mod text_header;
+mod tiff;
 mod voxel_file;
 
 pub use detect::open;

@@ -266,13 +266,15 @@ fn read_ahead(file: &File, at: u64, len: usize) {
     let _ = (file, at, len);
 }
 
+/// Fills `out` from byte `at` on, without a place in the file that threads would have to share.
 #[cfg(unix)]
-fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
+pub(super) fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, out, at)
 }
 
+/// Fills `out` from byte `at` on, without a place in the file that threads would have to share.
 #[cfg(windows)]
-fn read_exact_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
+pub(super) fn read_exact_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
     while !out.is_empty() {
         match std::os::windows::fs::FileExt::seek_read(file, out, at) {
             Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
@@ -346,7 +348,7 @@ impl Failing<'_> {
 }
 
 /// Reverses the bytes of every voxel of `size` bytes.
-fn swap_bytes(bytes: &mut [u8], size: usize) {
+pub(super) fn swap_bytes(bytes: &mut [u8], size: usize) {
     match size {
         2 => bytes
             .as_chunks_mut()
