@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use super::files::{self, first_bytes};
 use super::options::OpenOptions;
 use super::problem::Subject;
-use super::{dicom, metaimage, mgh, mrc, nifti, nrrd, pair, phantom, raw, vti};
+use super::{dicom, metaimage, mgh, mrc, nifti, nrrd, pair, phantom, picture, raw, tiff, vti};
 use crate::volume::{SourceError, VoxelSource};
 
-const BUILT: &str = "supported are DICOM (a folder, files, DICOMDIR), NIfTI (.nii, .nii.gz, .hdr with .img), ANALYZE 7.5 (.hdr with .img), NRRD (.nrrd, .nhdr), \
-                     MetaImage (.mha, .mhd), MGH (.mgh, .mgz), MRC and CCP4 (.mrc, .map, .rec, .st), VTK XML images (.vti), \
-                     .raw with --dims and --type, and phantom:NAME:X,Y,Z[:TYPE]";
+const BUILT: &str = "supported are DICOM (a folder, files, DICOMDIR), NIfTI (.nii, .nii.gz, .hdr with .img), ANALYZE 7.5 \
+                     (.hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), TIFF (.tif), folders and globs of \
+                     TIFF, PNG or JPEG slices, MGH (.mgh, .mgz), MRC and CCP4 (.mrc, .map, .rec, .st), VTK XML images \
+                     (.vti), .raw with --dims and --type, and phantom:NAME:X,Y,Z[:TYPE]";
 
 /// Files of a folder that are looked at to tell what it holds.
 const PEEK_FILES: usize = 64;
@@ -35,6 +36,9 @@ enum Format {
         compressed: bool,
     },
     Vti,
+    Tiff,
+    Png,
+    Jpeg,
     /// Known by name, not built.
     Other(&'static str),
 }
@@ -125,6 +129,8 @@ fn open_file(
         Some(Format::Mgh { compressed }) => Ok(Box::new(mgh::open(path, compressed, options)?)),
         Some(Format::Mrc { compressed }) => mrc::open(path, compressed, options),
         Some(Format::Vti) => vti::open(path, options),
+        Some(Format::Tiff) => tiff::open(&[path.to_owned()], subject, options),
+        Some(Format::Png | Format::Jpeg) => picture::open(&[path.to_owned()], subject, options),
         Some(Format::Other(name)) => Err(subject.unsupported(name, BUILT)),
         None if pair::is_image(path) => {
             let subject = Subject {
@@ -220,14 +226,55 @@ fn open_slices(
                 let subject = Subject::new(subject.path);
                 return Ok(Box::new(dicom::open(&files, &subject, options)?));
             }
-            Some(Format::Other("TIFF")) => {
-                return Err(subject.unsupported("a folder of TIFF slices", BUILT));
+            Some(Format::Tiff) => {
+                let slices = slices_among(subject, &files, Format::Tiff)?;
+                return tiff::open(&slices, subject, options);
+            }
+            Some(kind @ (Format::Png | Format::Jpeg)) => {
+                let slices = slices_among(subject, &files, kind)?;
+                return picture::open(&slices, subject, options);
             }
             Some(_) => found = "a folder of volumes; name the file of one",
             None => {}
         }
     }
     Err(subject.malformed("the path", "the file of a volume", found))
+}
+
+/// The files that hold `kind`. In a folder others may lie beside them, unless their names or formats say that they belong
+/// to a volume: a damaged slice is not to be left out unseen.
+fn slices_among(
+    subject: &Subject<'_>,
+    files: &[PathBuf],
+    kind: Format,
+) -> Result<Vec<PathBuf>, SourceError> {
+    let mut slices = Vec::new();
+    let mut others = Vec::new();
+    for file in files {
+        let first = first_bytes(file).map_err(|e| Subject::new(file).io("open", e))?;
+        match format(&first) {
+            Some(found) if found == kind => slices.push(file.clone()),
+            found => others.push((file, found)),
+        }
+    }
+    let ending = |file: &Path| file.extension().map(|e| e.to_ascii_lowercase());
+    for (file, found) in others {
+        let is_apart = found.is_none()
+            && subject.path.is_dir()
+            && slices.iter().all(|slice| ending(slice) != ending(file));
+        if !is_apart {
+            let subject = Subject {
+                remedy: "name the slices of one volume by a glob",
+                ..Subject::new(file)
+            };
+            return Err(subject.malformed(
+                "the first bytes",
+                format!("a {} slice, as beside it", kind.name()),
+                found.map_or("no format that is known", Format::name),
+            ));
+        }
+    }
+    Ok(slices)
 }
 
 impl Format {
@@ -240,6 +287,9 @@ impl Format {
             Self::Mgh { .. } => "MGH",
             Self::Mrc { .. } => "MRC",
             Self::Vti => "VTK XML",
+            Self::Tiff => "TIFF",
+            Self::Png => "PNG",
+            Self::Jpeg => "JPEG",
             Self::Other(name) => name,
         }
     }
@@ -274,12 +324,18 @@ fn format(bytes: &[u8]) -> Option<Format> {
     if metaimage::is_header(bytes) {
         return Some(Format::MetaImage);
     }
-    let tiff = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
-    if tiff.iter().any(|magic| bytes.starts_with(*magic)) {
-        return Some(Format::Other("TIFF"));
-    }
+    // Before TIFF: a DICOM file may begin as one.
     if dicom::is_header(bytes) {
         return Some(Format::Dicom);
+    }
+    if tiff::is_header(bytes) {
+        return Some(Format::Tiff);
+    }
+    if picture::is_png(bytes) {
+        return Some(Format::Png);
+    }
+    if picture::is_jpeg(bytes) {
+        return Some(Format::Jpeg);
     }
     if bytes.starts_with(b"\x89HDF\r\n\x1a\n") {
         return Some(Format::Other("HDF5"));

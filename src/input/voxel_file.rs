@@ -299,13 +299,13 @@ fn read_ahead(file: &File, at: u64, len: usize) {
     let _ = (file, at, len);
 }
 
-/// Fills `out` from byte `at` on.
+/// Fills `out` from byte `at` on, without a place in the file that threads would have to share.
 #[cfg(unix)]
 pub(super) fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, out, at)
 }
 
-/// Fills `out` from byte `at` on.
+/// Fills `out` from byte `at` on, without a place in the file that threads would have to share.
 #[cfg(windows)]
 pub(super) fn read_exact_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
     while !out.is_empty() {

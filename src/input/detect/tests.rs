@@ -55,8 +55,10 @@ fn what_cannot_be_opened_says_why() {
     dicom.extend(b"DICM");
     for (name, bytes, word) in [
         ("empty.nii", &b""[..], "an empty file"),
-        ("a.tif", b"II*\0....", "TIFF is not supported"),
-        ("big.tif", b"MM\0+....", "TIFF is not supported"),
+        ("a.tif", b"II*\0....", "the directory of page 0"),
+        ("big.tif", b"MM\0+....", "offsets of 8 bytes"),
+        ("a.png", b"\x89PNG\r\n\x1a\n", "a sound PNG picture"),
+        ("a.jpg", b"\xff\xd8\xff\xe0....", "a sound JPEG picture"),
         ("a", &dicom, "(0002,0010)"),
         (
             "a.vti",
@@ -179,7 +181,10 @@ fn folders_missing_files_and_globs() {
         text(folder)
     );
     std::fs::write(dir.path().join("1.tif"), b"II*\0").unwrap();
-    assert!(text(folder).contains("folder of TIFF"), "{}", text(folder));
+    std::fs::write(dir.path().join("notes.txt"), "of the microscope").unwrap();
+    assert!(text(folder).contains("the header"), "{}", text(folder));
+    std::fs::write(dir.path().join("2.TIF"), [0; 100]).unwrap();
+    assert!(text(folder).contains("a TIFF slice"), "{}", text(folder));
     std::fs::write(dir.path().join("zarr.json"), b"{}").unwrap();
     assert!(text(folder).contains("OME-Zarr"), "{}", text(folder));
     let missing = dir.path().join("no.nii");
