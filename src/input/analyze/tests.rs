@@ -166,7 +166,7 @@ fn too_few_voxels_are_refused_at_every_length() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(crate::input::MUTATIONS))]
 
     #[test]
     fn damaged_bytes_never_panic(

@@ -321,7 +321,7 @@ fn a_cut_file_is_refused_at_every_length() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(crate::input::MUTATIONS))]
 
     #[test]
     fn damaged_bytes_never_panic(

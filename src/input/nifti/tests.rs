@@ -478,7 +478,7 @@ fn a_cut_or_damaged_stream_names_the_place() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(crate::input::MUTATIONS))]
 
     #[test]
     fn damaged_bytes_never_panic(

@@ -200,7 +200,7 @@ fn wrong_headers_name_the_field() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(crate::input::MUTATIONS))]
 
     #[test]
     fn damaged_bytes_never_panic(

@@ -486,7 +486,7 @@ fn a_cut_file_is_refused_or_whole() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(ProptestConfig::with_cases(crate::input::MUTATIONS))]
 
     #[test]
     fn damaged_bytes_never_panic(
