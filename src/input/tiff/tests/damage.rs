@@ -152,7 +152,7 @@ fn tables_shared_by_many_pages_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(crate::input::MUTATIONS))]
 
     #[test]
     fn random_changes_do_no_harm(
