@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3};
 
-use super::sink::voxel_value;
-use super::writer::{ExportError, create};
+use super::writer::{ExportError, Format, create};
+use super::zarr;
 use crate::geom::{BRICK_EDGE, Lod, VoxelBox};
 use crate::outfile::Existing;
 use crate::store::{BrickReader, Store, StoreError};
@@ -73,6 +73,10 @@ pub fn extract(
     advance: &mut dyn FnMut(u64),
 ) -> Result<VolumeDesc, ExportError> {
     let desc = extracted(store, lod, voxels)?;
+    if Format::of(path) == Some(Format::Zarr) {
+        zarr::write(store, (lod, voxels), path, existing, advance)?;
+        return Ok(desc);
+    }
     let mut writer = create(path, &desc, existing)?;
     let stored_type = store.stored_type();
     let offset = f64::from(store.meta().conversion.offset);
@@ -169,18 +173,12 @@ fn runs([start, end]: [u64; 2], most: u64) -> Vec<[u64; 2]> {
 
 /// Appends stored voxels less `offset` to `out`, as little-endian voxels of `target`, which can hold them.
 fn convert(stored: StoredType, bytes: &[u8], offset: f64, target: VoxelType, out: &mut Vec<u8>) {
+    let size = target.size();
     for voxel in bytes.chunks_exact(stored.size()) {
-        let value = voxel_value(stored.voxel_type(), voxel) - offset;
-        match target {
-            VoxelType::U8 => out.extend((value as u8).to_le_bytes()),
-            VoxelType::I8 => out.extend((value as i8).to_le_bytes()),
-            VoxelType::U16 => out.extend((value as u16).to_le_bytes()),
-            VoxelType::I16 => out.extend((value as i16).to_le_bytes()),
-            VoxelType::U32 => out.extend((value as u32).to_le_bytes()),
-            VoxelType::I32 => out.extend((value as i32).to_le_bytes()),
-            VoxelType::F32 => out.extend((value as f32).to_le_bytes()),
-            VoxelType::F64 => out.extend(value.to_le_bytes()),
-        }
+        let value = stored.voxel_type().value(voxel) - offset;
+        let at = out.len();
+        out.resize(at + size, 0);
+        target.put(value, &mut out[at..]);
     }
 }
 

@@ -13,6 +13,7 @@ mod raw;
 mod sink;
 pub mod video;
 mod writer;
+mod zarr;
 
 pub use self::depth::write_depth_png;
 pub use self::exr::write_exr;

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::sink::{Header, Sink, voxel_value};
+use super::sink::{Header, Sink};
 use super::writer::{ExportError, VolumeWriter};
 use crate::outfile::Existing;
 use crate::volume::{Rescale, VolumeDesc, VoxelType};
@@ -50,7 +50,7 @@ impl VolumeWriter for Writer {
             for chunk in bytes.chunks(CHUNK_VOXELS * voxel_type.size()) {
                 let converted: Vec<u8> = chunk
                     .chunks_exact(voxel_type.size())
-                    .flat_map(|v| rescale.physical(voxel_value(voxel_type, v)).to_le_bytes())
+                    .flat_map(|v| rescale.physical(voxel_type.value(v)).to_le_bytes())
                     .collect();
                 out.write_all(&converted)?;
             }

@@ -8,7 +8,7 @@ use flate2::write::GzEncoder;
 
 use super::writer::{ExportError, VolumeWriter};
 use crate::outfile::{Existing, OutFile};
-use crate::volume::{VolumeDesc, VoxelType};
+use crate::volume::VolumeDesc;
 
 /// Half of zlib's effort: two thirds of the time for a hundredth of the size.
 const GZIP_LEVEL: u32 = 4;
@@ -142,23 +142,5 @@ impl VolumeWriter for Sink {
             Ok(Target(file)) => Ok(file.commit()?),
             Err(error) => Err(ExportError::Write { path, error }),
         }
-    }
-}
-
-/// The number in the little-endian bytes of one voxel.
-pub(super) fn voxel_value(voxel_type: VoxelType, bytes: &[u8]) -> f64 {
-    /// The first bytes as an array; missing ones (never, for whole voxels) are 0.
-    fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
-        bytes.first_chunk().copied().unwrap_or([0; N])
-    }
-    match voxel_type {
-        VoxelType::U8 => f64::from(u8::from_le_bytes(first(bytes))),
-        VoxelType::I8 => f64::from(i8::from_le_bytes(first(bytes))),
-        VoxelType::U16 => f64::from(u16::from_le_bytes(first(bytes))),
-        VoxelType::I16 => f64::from(i16::from_le_bytes(first(bytes))),
-        VoxelType::U32 => f64::from(u32::from_le_bytes(first(bytes))),
-        VoxelType::I32 => f64::from(i32::from_le_bytes(first(bytes))),
-        VoxelType::F32 => f64::from(f32::from_le_bytes(first(bytes))),
-        VoxelType::F64 => f64::from_le_bytes(first(bytes)),
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, U64Vec3};
 use thiserror::Error;
 
-use super::{nifti, nrrd, raw};
+use super::{nifti, nrrd, raw, zarr};
 use crate::geom::VoxelBox;
 use crate::outfile::{Existing, OutFileError};
 use crate::store::StoreError;
@@ -56,7 +56,7 @@ pub enum ExportError {
         error: io::Error,
     },
     /// The name says no format that is built.
-    #[error("{}: unknown format of a volume; supported are .nii.gz, .nrrd and .raw", .0.display())]
+    #[error("{}: unknown format of a volume; supported are .nii.gz, .nrrd, .zarr and .raw", .0.display())]
     UnknownFormat(PathBuf),
     /// The format has no room for something.
     #[error("{}: {what}; write .nrrd or .raw instead", path.display())]
@@ -95,19 +95,21 @@ pub trait VolumeWriter {
 
 /// A format, by the end of the file's name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Format {
+pub(super) enum Format {
     Nifti,
     Nrrd,
     Raw,
+    Zarr,
 }
 
 impl Format {
-    fn of(path: &Path) -> Option<Self> {
+    pub(super) fn of(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         [
             (".nii.gz", Self::Nifti),
             (".nrrd", Self::Nrrd),
             (".raw", Self::Raw),
+            (".zarr", Self::Zarr),
         ]
         .into_iter()
         .find_map(|(end, format)| name.ends_with(end).then_some(format))
@@ -123,6 +125,9 @@ pub fn caveat(path: &Path, desc: &VolumeDesc) -> Option<&'static str> {
         ),
         Format::Nrrd => rescaled.then_some(
             "NRRD has no slope and intercept, so physical values are written, as double; .nii.gz keeps both apart",
+        ),
+        Format::Zarr => (!zarr::is_upright(&desc.world_from_index)).then_some(
+            "OME-Zarr keeps spacing and position, but no turned axes; brickscope finds the whole affine in an attribute of its own",
         ),
         Format::Raw => {
             let plain = DAffine3::from_scale(desc.spacing());
@@ -149,7 +154,7 @@ pub fn create(
         Some(Format::Nifti) => Ok(Box::new(nifti::create(path, desc, existing)?)),
         Some(Format::Nrrd) => Ok(Box::new(nrrd::create(path, desc, existing)?)),
         Some(Format::Raw) => Ok(Box::new(raw::create(path, desc, existing)?)),
-        None => Err(ExportError::UnknownFormat(path.to_owned())),
+        Some(Format::Zarr) | None => Err(ExportError::UnknownFormat(path.to_owned())),
     }
 }
 

@@ -5,6 +5,7 @@
 //! the signal handler calls. What takes hours goes through a [`PartialFolder`] instead, whose name is known: what a killed
 //! process left in it can be found and gone on with.
 
+mod folder;
 mod partial;
 
 use std::collections::BTreeSet;
@@ -16,6 +17,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use tempfile::{NamedTempFile, TempPath};
 use thiserror::Error;
 
+pub use folder::OutFolder;
 pub use partial::PartialFolder;
 
 /// Why an output file can't be made.
@@ -26,6 +28,12 @@ pub enum OutFileError {
     Exists(PathBuf),
     #[error("{}: is a folder; expected the name of a file to write", .0.display())]
     IsFolder(PathBuf),
+    #[error(
+        "{}: is there and has no {mark}, so that it is something else; expected a name that is free, or that of a folder of \
+         this kind",
+        path.display()
+    )]
+    Other { path: PathBuf, mark: &'static str },
     #[error("{}: the folder {} does not exist; make it first", path.display(), folder.display())]
     NoFolder { path: PathBuf, folder: PathBuf },
     #[error("{}: is being written by another process (it holds {}); wait for it, or end it", dest.display(), folder.display())]

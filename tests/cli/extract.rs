@@ -374,8 +374,8 @@ fn an_existing_file_is_replaced_and_refusals_leave_it_alone() {
         );
     }
     for (name, message) in [
-        ("out.zarr", ".zarr is not built yet"),
-        ("out.tif", "supported are .nii.gz, .nrrd and .raw"),
+        ("no/out.zarr", "does not exist"),
+        ("out.tif", "supported are .nii.gz, .nrrd, .zarr and .raw"),
     ] {
         let run = folder.run(&["extract", store, "-o", name]).expect(2);
         assert!(

@@ -4,8 +4,6 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::bail;
-
 use super::progress::Bar;
 use crate::bricking::Progress;
 use crate::cli::args;
@@ -19,14 +17,15 @@ use crate::store::Store;
 #[command(after_help = "Examples:\n  \
     brickscope extract scan.bsk -o scan.nii.gz\n  \
     brickscope extract scan.bsk -o corner.nrrd --box 0,0,0,64,64,32\n  \
-    brickscope extract scan.bsk -o coarse.raw --level 2")]
+    brickscope extract scan.bsk -o coarse.raw --level 2\n  \
+    brickscope extract scan.bsk -o scan.zarr")]
 pub struct Args {
     /// The store
     #[arg(value_name = "STORE")]
     store: PathBuf,
 
-    /// The file to write; an existing one is replaced
-    #[arg(short, long, value_name = "FILE.(nii.gz|nrrd|raw)")]
+    /// The file to write, or the folder of an OME-Zarr, with all coarser levels; an existing one is replaced
+    #[arg(short, long, value_name = "FILE.(nii.gz|nrrd|raw|zarr)")]
     output: PathBuf,
 
     /// Level of detail: 0 is the finest
@@ -44,15 +43,6 @@ pub struct Args {
 /// The store is refused or damaged, it has no such level or box, or the file can't be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let path = &args.output;
-    if path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("zarr"))
-    {
-        bail!(
-            "{}: writing .zarr is not built yet; write .nii.gz, .nrrd or .raw",
-            path.display()
-        );
-    }
     let store = Store::open(&args.store)?;
     let lod = Lod(args.level);
     let voxels = args.voxels.unwrap_or_else(|| {
