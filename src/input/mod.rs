@@ -8,21 +8,27 @@
 //! Files are untrusted: every header field is checked before it is used, nothing is allocated by a header's word.
 
 mod affine;
+mod chunked;
 mod detect;
 mod files;
 mod metaimage;
+mod n5;
 mod nifti;
 mod nrrd;
 mod options;
 pub mod phantom;
+mod precomputed;
 mod problem;
+mod pyramid;
 mod raw;
 mod stack;
 mod stream;
 mod text_header;
 mod voxel_file;
+mod zarr;
 
 pub use detect::open;
 pub use options::OpenOptions;
+pub use pyramid::{levels, open_level};
 pub use raw::{Endian, RawParams};
 pub use voxel_file::VoxelFile;
