@@ -35,6 +35,9 @@ const WAITS: &[Duration] = if cfg!(test) {
     ]
 };
 
+/// How a range header begins that counts from an object's end.
+const FROM_END: &str = "bytes=-";
+
 /// A URL with objects below it.
 pub(super) struct Web {
     agent: Agent,
@@ -43,6 +46,8 @@ pub(super) struct Web {
     /// With its question mark; empty where there is none.
     query: String,
     was_forbidden: AtomicBool,
+    /// Whether the server knows no ranges that count from an object's end.
+    counts_from_start: AtomicBool,
 }
 
 /// Why a fetch did not bring what was asked for.
@@ -95,6 +100,7 @@ impl Web {
             base: base.trim_end_matches('/').to_owned(),
             query: query.to_owned(),
             was_forbidden: AtomicBool::new(false),
+            counts_from_start: AtomicBool::new(false),
         })
     }
 
@@ -161,60 +167,95 @@ impl Web {
     }
 
     fn attempt(&self, subject: &Subject<'_>, url: &str, part: Part) -> Result<Vec<u8>, Failure> {
-        let mut request = self.agent.get(url);
-        let range = match part {
-            Part::Whole { .. } => None,
-            Part::Range { at, bytes } => Some(format!(
-                "bytes={at}-{}",
-                at.saturating_add(bytes).saturating_sub(1)
-            )),
-            Part::Tail { bytes } => Some(format!("bytes=-{bytes}")),
+        let (range, most_bytes) = match part {
+            Part::Whole { most_bytes } => (None, most_bytes),
+            Part::Range { at, bytes } => (Some(range_of(at, bytes)), bytes),
+            Part::Tail { bytes } => (Some(self.range_of_tail(subject, url, bytes)?), bytes),
         };
+        let mut request = self.agent.get(url);
         if let Some(range) = &range {
             request = request.header("Range", range);
         }
         let response = request.call().map_err(|e| failed(subject, e))?;
-        let status = response.status();
-        let too_short = |found: &str| {
-            let asked = range.as_deref().unwrap_or("all of it");
-            Failure::Lasting(subject.malformed(asked, "so many bytes", found))
-        };
-        match status.as_u16() {
-            200 if range.is_none() => {}
-            206 if range.is_some() => {}
-            200 => {
-                return Err(Failure::Lasting(subject.unsupported(
-                    "a shard on a server that sends only whole files",
-                    "the server must answer range requests; download the folder instead",
-                )));
-            }
-            404 | 410 => return Err(Failure::Missing),
-            403 => return Err(Failure::Forbidden),
-            416 => return Err(too_short("a file that is shorter")),
-            408 | 429 | 500 | 502 | 503 | 504 => {
-                return Err(Failure::Passing(status_error(status)));
-            }
-            _ => {
-                return Err(Failure::Lasting(
-                    subject.io("fetch it", status_error(status)),
-                ));
-            }
+        let status = response.status().as_u16();
+        let from_end = range.as_ref().is_some_and(|r| r.starts_with(FROM_END));
+        if from_end && matches!(status, 200 | 400 | 416 | 501) {
+            // Not every server knows ranges that count from the end: from now on they count from the beginning.
+            self.counts_from_start.store(true, Ordering::Relaxed);
+            return self.attempt(subject, url, part);
         }
-        match part {
-            Part::Whole { most_bytes } => {
-                let bytes = body(response, most_bytes).map_err(|e| failed_body(subject, e))?;
-                bytes.ok_or_else(|| Failure::Lasting(too_long(subject, most_bytes, "more")))
+        let expected = if range.is_some() { 206 } else { 200 };
+        if status == 200 && expected == 206 {
+            return Err(Failure::Lasting(subject.unsupported(
+                "a shard on a server that sends only whole files",
+                "the server must answer range requests; download the folder instead",
+            )));
+        }
+        check_status(subject, &response, expected)?;
+        let bytes = body(response, most_bytes).map_err(|e| failed_body(subject, e))?;
+        let Some(bytes) = bytes else {
+            return Err(Failure::Lasting(too_long(subject, most_bytes, "more")));
+        };
+        match range {
+            Some(range) if bytes.len() as u64 != most_bytes => {
+                let found = format!("{} bytes", bytes.len());
+                Err(Failure::Lasting(subject.malformed(
+                    range,
+                    format!("{most_bytes} bytes"),
+                    found,
+                )))
             }
-            Part::Range { bytes: wanted, .. } | Part::Tail { bytes: wanted } => {
-                let bytes = body(response, wanted).map_err(|e| failed_body(subject, e))?;
-                match bytes {
-                    Some(bytes) if bytes.len() as u64 == wanted => Ok(bytes),
-                    Some(bytes) => Err(too_short(&format!("{} bytes", bytes.len()))),
-                    None => Err(too_short("more")),
-                }
-            }
+            _ => Ok(bytes),
         }
     }
+
+    /// The range header for the last `bytes` bytes of an object.
+    fn range_of_tail(
+        &self,
+        subject: &Subject<'_>,
+        url: &str,
+        bytes: u64,
+    ) -> Result<String, Failure> {
+        if !self.counts_from_start.load(Ordering::Relaxed) {
+            return Ok(format!("{FROM_END}{bytes}"));
+        }
+        let response = self.agent.head(url).call();
+        let response = response.map_err(|e| failed(subject, e))?;
+        check_status(subject, &response, 200)?;
+        let len = response
+            .headers()
+            .get("content-length")
+            .and_then(|v| v.to_str().ok()?.parse::<u64>().ok());
+        match len.and_then(|len| len.checked_sub(bytes)) {
+            Some(at) => Ok(range_of(at, bytes)),
+            None => Err(Failure::Lasting(subject.malformed(
+                "its length",
+                format!("at least {bytes} bytes"),
+                len.map_or("nothing that says it".to_owned(), |n| n.to_string()),
+            ))),
+        }
+    }
+}
+
+/// The range header for `bytes` bytes from byte `at` on.
+fn range_of(at: u64, bytes: u64) -> String {
+    let last = at.saturating_add(bytes).saturating_sub(1);
+    format!("bytes={at}-{last}")
+}
+
+fn check_status(
+    subject: &Subject<'_>,
+    response: &Response<Body>,
+    expected: u16,
+) -> Result<(), Failure> {
+    let status = response.status();
+    Err(match status.as_u16() {
+        s if s == expected => return Ok(()),
+        404 | 410 => Failure::Missing,
+        403 => Failure::Forbidden,
+        408 | 429 | 500 | 502 | 503 | 504 => Failure::Passing(status_error(status)),
+        _ => Failure::Lasting(subject.io("fetch it", status_error(status))),
+    })
 }
 
 /// The body of `response`; `None` when it is longer than `most_bytes`.
@@ -268,3 +309,6 @@ fn failed_body(subject: &Subject<'_>, error: io::Error) -> Failure {
         _ => Failure::Passing(error),
     }
 }
+
+#[cfg(test)]
+mod tests;

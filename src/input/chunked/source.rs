@@ -291,3 +291,6 @@ impl VoxelSource for Chunked {
         self.notes.clone()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -172,7 +172,15 @@ impl Store {
     fn get(&self, key: &str, part: Part) -> Result<Option<Vec<u8>>, SourceError> {
         let key = self.whole_key(key);
         match &self.root {
-            Root::Folder(folder) => read_file(&folder.join(key), part),
+            Root::Folder(folder) => {
+                let found = read_file(&folder.join(key), part)?;
+                if found.is_none() && !folder.is_dir() {
+                    // What is not stored has a value of its own: a drive that went away must not pass for that.
+                    let error = io::Error::from(io::ErrorKind::NotFound);
+                    return Err(Subject::new(folder).io("find the folder", error));
+                }
+                Ok(found)
+            }
             Root::Web(web) => web.get(&key, part),
         }
     }
