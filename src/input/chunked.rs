@@ -1,7 +1,7 @@
 //! Arrays cut into chunks that lie one by one in a folder or behind a URL: what OME-Zarr, N5 and precomputed share.
 //!
 //! [`Store`] fetches bytes, [`Packing`] unpacks them, [`Array`] and [`Axes`] say how the elements of a chunk become voxels,
-//! and [`Chunked`] is the volume. A format reads its metadata and tells where a chunk lies ([`Chunks`]); nothing here knows
+//! and `Chunked` is the volume. A format reads its metadata and tells where a chunk lies ([`Chunks`]); nothing here knows
 //! a format. Everything that comes from a store is untrusted.
 
 mod array;

@@ -2,7 +2,8 @@
 //!
 //! [`open`] finds the format by content. A format reader parses and checks its header, then hands the place of the voxels
 //! to [`VoxelFile`], which reads them box by box with positional reads (never a map, since resident memory is budgeted)
-//! or slice by slice from a compressed stream. [`phantom`] computes its voxels instead.
+//! or slice by slice from a compressed stream. Formats of many small files or objects (OME-Zarr, N5, precomputed), in
+//! folders or behind URLs, share `chunked` instead. [`phantom`] computes its voxels.
 //!
 //! Not here: bricks, levels, caches, and any change of values; voxels come out in the file's own type, little-endian.
 //! Files are untrusted: every header field is checked before it is used, nothing is allocated by a header's word.

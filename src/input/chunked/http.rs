@@ -289,6 +289,10 @@ fn status_error(status: StatusCode) -> io::Error {
 
 fn failed(subject: &Subject<'_>, error: ureq::Error) -> Failure {
     match error {
+        // A certificate that is not trusted, an answer that is no HTTP: the next one would be the same.
+        ureq::Error::Io(error) if error.kind() == io::ErrorKind::InvalidData => {
+            Failure::Lasting(subject.io("fetch it", error))
+        }
         ureq::Error::Io(error) => Failure::Passing(error),
         ureq::Error::Timeout(_) | ureq::Error::ConnectionFailed => {
             Failure::Passing(io::Error::other(error.to_string()))

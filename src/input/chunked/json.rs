@@ -8,6 +8,9 @@ use crate::volume::SourceError;
 /// Axes that an array has at most.
 const MOST_AXES: usize = 16;
 
+/// Characters of a value that a message shows.
+const SHOWN: usize = 80;
+
 /// The JSON object in `bytes`.
 ///
 /// # Errors
@@ -32,7 +35,14 @@ pub(in crate::input) fn shown(value: &Value) -> String {
     match value {
         Value::Null => "nothing".to_owned(),
         Value::String(text) => quoted(text),
-        other => quoted(&other.to_string()).replace('\\', ""),
+        // JSON has its own quotes and escapes.
+        other => {
+            let text = other.to_string();
+            match text.char_indices().nth(SHOWN) {
+                Some((end, _)) => format!("{}…", &text[..end]),
+                None => text,
+            }
+        }
     }
 }
 

@@ -20,7 +20,7 @@ pub(in crate::input) fn millimetres(unit: &str) -> Option<f64> {
         "mile" => 1_609_344.0,
         "millimeter" | "millimetre" | "mm" => 1.0,
         "nanometer" | "nanometre" | "nm" => 1e-6,
-        "parsec" => 3.085_677_581_491_367_3e19,
+        "parsec" => 3.085_677_581_491_367e19,
         "petameter" => 1e18,
         "picometer" | "pm" => 1e-9,
         "terameter" => 1e15,

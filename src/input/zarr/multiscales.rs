@@ -26,8 +26,17 @@ pub(super) struct Image {
 pub(super) struct Level {
     /// Of the array, from the group.
     pub(super) path: String,
-    /// Distance of elements and place of the first one along each axis, in the axis's unit; `None` where nothing is said.
-    pub(super) place: Option<(Vec<f64>, Vec<f64>)>,
+    /// `None` where nothing is said.
+    pub(super) place: Option<Place>,
+}
+
+/// Where elements lie along each axis, in the axis's unit.
+#[derive(Debug)]
+pub(super) struct Place {
+    /// Distance of neighbours.
+    scale: Vec<f64>,
+    /// Of the first one.
+    translation: Vec<f64>,
 }
 
 /// Where the OME metadata are among a group's attributes: a key of its own since version 0.5.
@@ -130,8 +139,8 @@ fn place(
     subject: &Subject<'_>,
     lists: [&Value; 2],
     axes: usize,
-) -> Result<Option<(Vec<f64>, Vec<f64>)>, SourceError> {
-    let mut found = None;
+) -> Result<Option<Place>, SourceError> {
+    let mut found: Option<Place> = None;
     for list in lists {
         let list = match list {
             Value::Null => continue,
@@ -148,8 +157,10 @@ fn place(
         };
         for transformation in list {
             let kind = json::text(subject, transformation, "type")?;
-            let (scale, translation) =
-                found.get_or_insert_with(|| (vec![1.0; axes], vec![0.0; axes]));
+            let Place { scale, translation } = found.get_or_insert_with(|| Place {
+                scale: vec![1.0; axes],
+                translation: vec![0.0; axes],
+            });
             match kind {
                 "identity" => {}
                 "scale" => {
@@ -193,11 +204,11 @@ impl World {
         subject: &Subject<'_>,
         axes: &[Axis],
         chosen: &Axes,
-        place: Option<&(Vec<f64>, Vec<f64>)>,
+        place: Option<&Place>,
         wished: Option<DVec3>,
     ) -> Result<Self, SourceError> {
         let mut notes = Vec::new();
-        let Some((scale, translation)) = place else {
+        let Some(Place { scale, translation }) = place else {
             if wished.is_none() {
                 notes.push(NO_SPACING.to_owned());
             }

@@ -21,7 +21,6 @@ pub(super) enum Node {
 /// An array as its metadata describe it.
 pub(super) struct ArrayNode {
     pub(super) layout: Layout,
-    pub(super) attributes: Value,
     /// Names of the axes, where they have some.
     pub(super) names: Option<Vec<String>>,
     /// Key of the metadata.
@@ -57,7 +56,7 @@ impl Node {
             let array = v2::array(
                 &Subject::new(&place),
                 &value,
-                attributes,
+                &attributes,
                 stamp(".zarray", &bytes),
             )?;
             return Ok(Some(Self::Array(Box::new(array))));

@@ -16,7 +16,7 @@ use crate::volume::SourceError;
 pub(super) fn array(
     subject: &Subject<'_>,
     metadata: &Value,
-    attributes: Value,
+    attributes: &Value,
     stamp: String,
 ) -> Result<ArrayNode, SourceError> {
     check_format(subject, metadata, 2)?;
@@ -79,8 +79,7 @@ pub(super) fn array(
             },
             array,
         },
-        names: names(&attributes),
-        attributes,
+        names: names(attributes),
         key: ".zarray",
         stamp,
     })

@@ -47,7 +47,6 @@ pub(super) fn node(
         "array" => Ok(Node::Array(Box::new(ArrayNode {
             layout: layout(subject, &metadata)?,
             names: names(&metadata),
-            attributes,
             key: "zarr.json",
             stamp,
         }))),
