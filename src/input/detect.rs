@@ -6,13 +6,16 @@ use std::path::{Path, PathBuf};
 use super::files::{self, first_bytes};
 use super::options::OpenOptions;
 use super::problem::Subject;
-use super::{dicom, metaimage, mgh, mrc, nifti, nrrd, pair, phantom, picture, raw, tiff, vti};
+use super::{
+    dicom, metaimage, mgh, mrc, nifti, nrrd, pair, phantom, picture, pyramid, raw, tiff, vti,
+};
 use crate::volume::{SourceError, VoxelSource};
 
 const BUILT: &str = "supported are DICOM (a folder, files, DICOMDIR), NIfTI (.nii, .nii.gz, .hdr with .img), ANALYZE 7.5 \
                      (.hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), TIFF (.tif), folders and globs of \
                      TIFF, PNG or JPEG slices, MGH (.mgh, .mgz), MRC and CCP4 (.mrc, .map, .rec, .st), VTK XML images \
-                     (.vti), .raw with --dims and --type, and phantom:NAME:X,Y,Z[:TYPE]";
+                     (.vti), folders and URLs of OME-Zarr, N5 and Neuroglancer precomputed, .raw with --dims and --type, and \
+                     phantom:NAME:X,Y,Z[:TYPE]";
 
 /// Files of a folder that are looked at to tell what it holds.
 const PEEK_FILES: usize = 64;
@@ -59,8 +62,8 @@ pub fn open(spec: &str, options: &OpenOptions) -> Result<Box<dyn VoxelSource>, S
             Some(_) => Err(raw_not_wanted(path, "a phantom")),
         };
     }
-    if spec.starts_with("http://") || spec.starts_with("https://") {
-        return Err(subject.unsupported("a volume behind a URL", BUILT));
+    if pyramid::is_url(spec) {
+        return open_url(&subject, spec, options);
     }
     if path.is_dir() {
         return open_folder(&subject, options);
@@ -172,10 +175,13 @@ fn open_folder(
     subject: &Subject<'_>,
     options: &OpenOptions,
 ) -> Result<Box<dyn VoxelSource>, SourceError> {
-    for mark in ["zarr.json", ".zattrs", ".zgroup", ".zarray"] {
-        if subject.path.join(mark).exists() {
-            return Err(subject.unsupported("an OME-Zarr folder", BUILT));
-        }
+    if let Some(location) = subject.path.to_str()
+        && let Some(kind) = pyramid::Kind::of(location, options)?
+    {
+        return match options.raw {
+            None => kind.open(location, options, 0),
+            Some(_) => Err(raw_not_wanted(subject.path, "a folder of chunks")),
+        };
     }
     let files = files::in_folder(subject)?;
     if !files.is_empty() {
@@ -205,6 +211,25 @@ fn open_folder(
         ));
     }
     open_slices(subject, files, options)
+}
+
+/// Opens what lies behind a URL.
+fn open_url(
+    subject: &Subject<'_>,
+    url: &str,
+    options: &OpenOptions,
+) -> Result<Box<dyn VoxelSource>, SourceError> {
+    if options.raw.is_some() {
+        return Err(raw_not_wanted(subject.path, "a URL"));
+    }
+    match pyramid::Kind::of(url, options)? {
+        Some(kind) => kind.open(url, options, 0),
+        None => Err(subject.malformed(
+            "the URL",
+            "a folder of OME-Zarr, N5 or Neuroglancer precomputed",
+            "no metadata of any of them",
+        )),
+    }
 }
 
 /// Opens several files that are the slices of a volume, in their order. `subject` is what they were named by.
