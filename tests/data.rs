@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 use brickscope::bricking::{self, NoProgress};
 use brickscope::classify::grey_ramp;
 use brickscope::clip::TriangleMesh;
+use brickscope::input::OpenOptions;
 use brickscope::scene::{Mode, PictureSettings, default_window};
 use compare::{coverage, difference};
 use glam::DVec3;
@@ -43,8 +44,12 @@ fn files(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
 }
 
 fn bricked(path: &Path) -> TestStore {
-    let mut source = brickscope::input::open(&path.to_string_lossy(), &Default::default())
-        .unwrap_or_else(|e| panic!("{e}"));
+    bricked_as(path, &OpenOptions::default())
+}
+
+fn bricked_as(path: &Path, options: &OpenOptions) -> TestStore {
+    let mut source =
+        brickscope::input::open(&path.to_string_lossy(), options).unwrap_or_else(|e| panic!("{e}"));
     store_of(source.as_mut())
 }
 
@@ -67,9 +72,33 @@ fn every_scan_of_a_built_format_is_bricked_and_verifies() {
         files("nrrd", &[".nrrd", ".nhdr"]),
         files("metaimage", &[".mha", ".mhd"]),
         files("labels", &[".nii.gz"]),
+        files("vti", &[".vti"]),
+        files(
+            "tiff",
+            &["img3d.tif", "head.tif", "chromosomes.tif", "em-series"],
+        ),
+        files("dicom", &["pet", "jpeg2000"]),
+        files("zarr", &["simple_0.4", "simple_0.5"]),
     ];
-    for path in lists.iter().flatten() {
-        let store = bricked(path);
+    let plain = lists
+        .into_iter()
+        .flatten()
+        .map(|p| (p, OpenOptions::default()));
+    // What has to be chosen, or asked for.
+    let even = OpenOptions {
+        resample_gaps: true,
+        ..OpenOptions::default()
+    };
+    let channel = OpenOptions {
+        channel: Some(1),
+        ..OpenOptions::default()
+    };
+    let chosen = [
+        (data().join("dicom/head-tilted"), even),
+        (data().join("tiff/xyzc_16bit__dna_conf_wf.tif"), channel),
+    ];
+    for (path, options) in plain.chain(chosen) {
+        let store = bricked_as(&path, &options);
         let report =
             bricking::verify(&store.store, 10, &NoProgress).expect("the store can be read");
         assert_eq!(
@@ -79,6 +108,30 @@ fn every_scan_of_a_built_format_is_bricked_and_verifies() {
             path.display(),
             report.faults
         );
+    }
+}
+
+#[test]
+#[cfg_attr(no_brickscope_data, ignore = "no BRICKSCOPE_DATA")]
+fn what_leaves_a_choice_is_refused_with_what_there_is() {
+    for (name, words) in [
+        ("dicom", &["found 4", "PET WB_0", "--series"][..]),
+        (
+            "dicom/head-tilted",
+            &["4.22 mm", "1.14 mm", "7.38 mm", "--resample-gaps"],
+        ),
+        ("dicom/pet-seg", &["DICOM-SEG"]),
+        (
+            "tiff/xyzc_16bit__dna_conf_wf.tif",
+            &["2 channels", "--channel"],
+        ),
+    ] {
+        let path = data().join(name);
+        let refused = brickscope::input::open(&path.to_string_lossy(), &Default::default());
+        let message = refused.err().expect("a refusal").to_string();
+        for word in words {
+            assert!(message.contains(word), "{name}: {word:?} in {message}");
+        }
     }
 }
 

@@ -170,6 +170,8 @@ impl Volume {
             axes: chosen,
             spacing: place.spacing,
             origin: place.origin,
+            world_from_index: None,
+            unit: String::new(),
             name: self.name.clone(),
             notes: place.notes,
             is_remote: store.is_remote(),

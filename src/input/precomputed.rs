@@ -121,6 +121,8 @@ impl Volume {
             array: array.clone(),
             spacing: resolution * NANOMETRE,
             origin: place * resolution * NANOMETRE,
+            world_from_index: None,
+            unit: String::new(),
             name: self.store.name(),
             notes: notes.into_iter().collect(),
             is_remote: self.store.is_remote(),

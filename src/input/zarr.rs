@@ -11,7 +11,7 @@ mod node;
 mod v2;
 mod v3;
 
-use glam::U64Vec3;
+use glam::{DAffine3, U64Vec3};
 use serde_json::Value;
 
 use self::chunks::ZarrChunks;
@@ -258,6 +258,18 @@ impl Volume {
         };
         let chosen = Axes::choose(&subject, &axes, shape, channels, options)?;
         let world = World::of(&subject, &axes, &chosen, transform, options.spacing)?;
+        let (mut world_from_index, mut unit) = (None, String::new());
+        if let Kind::Image { image, .. } = &self.kind {
+            unit.clone_from(&image.unit);
+            // Of a coarser level: what the levels' scales and places say of it, within the first one.
+            let first = image.levels[0].place.as_ref();
+            let first = World::of(&subject, &axes, &chosen, first, options.spacing)?;
+            world_from_index = image.world_from_first.map(|world_from_first| {
+                let scale = world.spacing / first.spacing;
+                let begin = (world.origin - first.origin) / first.spacing;
+                world_from_first * DAffine3::from_translation(begin) * DAffine3::from_scale(scale)
+            });
+        }
         let mut notes = self.notes.clone();
         notes.extend(world.notes);
         let found = Found {
@@ -265,6 +277,8 @@ impl Volume {
             axes: chosen,
             spacing: world.spacing,
             origin: world.origin,
+            world_from_index,
+            unit,
             name: self.name.clone(),
             notes,
             is_remote: store.is_remote(),

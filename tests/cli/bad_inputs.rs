@@ -161,7 +161,17 @@ fn bad_volumes() {
         (
             "stack.tif",
             b"II*\0\x08\0\0\0".to_vec(),
-            &["TIFF", "not supported"],
+            &["the directory of page 0", "a file of 8 bytes"],
+        ),
+        (
+            "cut.dcm",
+            [&[0; 128][..], b"DICM"].concat(),
+            &["(0002,0010)", "the transfer syntax"],
+        ),
+        (
+            "volume.h5",
+            b"\x89HDF\r\n\x1a\n".to_vec(),
+            &["HDF5", "not supported"],
         ),
         (
             "text.nii",

@@ -8,6 +8,7 @@ use brickscope::input;
 use brickscope::store::{BrickReader, Store};
 use brickscope::volume::{Rescale, VolumeDesc, VoxelType};
 use glam::{DAffine3, DMat3, DVec3, U64Vec3};
+use serde_json::Value;
 
 use crate::data::data;
 use crate::run::{Folder, gzip, nifti_header, noise, put};
@@ -412,4 +413,84 @@ fn a_real_sheared_scan_comes_out_as_it_went_in() {
         "type and rescale"
     );
     assert!(bytes == voxels, "voxels");
+}
+
+#[test]
+fn an_ome_zarr_comes_back_as_it_was() {
+    let folder = Folder::new();
+    // Turned, in part one way, in part another; two of its levels; more than a shard along x.
+    let header = "NRRD0004\ntype: short\ndimension: 3\nspace: right-anterior-superior\nsizes: 300 70 40\n\
+        space directions: (0.5,0.1,0) (-0.1,0.5,0) (0,0,-2)\nspace origin: (10,-20,30)\nendian: little\nencoding: raw\n\n";
+    let mut bytes = header.as_bytes().to_vec();
+    bytes.extend((0..300 * 70 * 40_i64).flat_map(|n| {
+        let (x, y, z) = (n % 300, n / 300 % 70, n / 21_000);
+        let value = if x < 64 { 0 } else { x * y - 300 * z };
+        (value as i16).to_le_bytes()
+    }));
+    folder.write("t.nrrd", &bytes);
+    folder.run(&["brick", "t.nrrd", "-o", "a.bsk"]).expect(0);
+    let told = folder
+        .run(&["extract", "a.bsk", "-o", "t.zarr"])
+        .expect(0)
+        .stderr;
+    assert!(
+        told.contains("affine"),
+        "what the format has no room for: {told}"
+    );
+    let info = |store: &str| -> Value {
+        let json = folder.run(&["info", store, "--json"]).expect(0).stdout;
+        serde_json::from_str(&json).expect("JSON")
+    };
+    folder.run(&["brick", "t.zarr", "-o", "b.bsk"]).expect(0);
+    let (a, b) = (info("a.bsk"), info("b.bsk"));
+    for key in [
+        "dims",
+        "source_type",
+        "source_hash",
+        "affine",
+        "value_range",
+        "levels",
+    ] {
+        assert_eq!(a[key], b[key], "{key}");
+    }
+    assert!(
+        !folder.file("t.zarr/0/c/0/0/2").exists() && folder.file("t.zarr/0/c/0/0/1").exists(),
+        "two shards"
+    );
+
+    // A part of a level, over what is there; the coarser levels come with it.
+    let part = ["--level", "1", "--box", "10,3,5,141,30,19"];
+    let extract = ["extract", "a.bsk", "-o", "t.zarr"];
+    folder.run(&[&extract[..], &part].concat()).expect(0);
+    folder.run(&["brick", "t.zarr", "-o", "c.bsk"]).expect(0);
+    folder
+        .run(&[&["extract", "a.bsk", "-o", "t.nrrd"][..], &part].concat())
+        .expect(0);
+    folder.run(&["brick", "t.nrrd", "-o", "d.bsk"]).expect(0);
+    let (c, d) = (info("c.bsk"), info("d.bsk"));
+    for key in ["dims", "source_type", "source_hash"] {
+        assert_eq!(c[key], d[key], "{key}");
+    }
+    let numbers = |v: &Value| -> Vec<f64> {
+        let rows = v["affine"].as_array().expect("rows");
+        let row = |r: &Value| r.as_array().expect("a row").clone();
+        rows.iter()
+            .flat_map(row)
+            .filter_map(|n| n.as_f64())
+            .collect()
+    };
+    for (x, y) in numbers(&c).iter().zip(numbers(&d)) {
+        assert!((x - y).abs() < 1e-9, "{c} and {d}");
+    }
+
+    // What is something else is not replaced.
+    fs::create_dir(folder.file("mine.zarr")).expect("a folder");
+    let refused = folder
+        .run(&["extract", "a.bsk", "-o", "mine.zarr"])
+        .expect(2);
+    assert!(
+        refused.stderr.contains("something else"),
+        "{}",
+        refused.stderr
+    );
 }

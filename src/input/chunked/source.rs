@@ -33,6 +33,10 @@ pub(in crate::input) struct Found {
     pub(in crate::input) spacing: DVec3,
     /// Where the first voxel's centre lies, in millimetres.
     pub(in crate::input) origin: DVec3,
+    /// The whole affine, where more than spacing and origin is known.
+    pub(in crate::input) world_from_index: Option<DAffine3>,
+    /// Unit of physical values; empty where nothing is said.
+    pub(in crate::input) unit: String,
     pub(in crate::input) name: String,
     pub(in crate::input) notes: Vec<String>,
     /// Whether chunks come over a network.
@@ -70,12 +74,13 @@ impl Found {
     ) -> Result<Box<dyn VoxelSource>, SourceError> {
         let affine =
             DAffine3::from_mat3_translation(DMat3::from_diagonal(self.spacing), self.origin);
+        let affine = self.world_from_index.unwrap_or(affine);
         let desc = VolumeDesc {
             dims: self.dims(),
             voxel_type: self.array.voxel_type,
             world_from_index: affine::checked(subject, "the spacing and the origin", affine)?,
             rescale: Rescale::IDENTITY,
-            unit: String::new(),
+            unit: self.unit.clone(),
             name: self.name,
         };
         voxel_bytes(subject, &desc)?;

@@ -1,6 +1,6 @@
 //! `multiscales` of OME-Zarr: the levels of an image, its axes, and where its voxels lie in the world.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use serde_json::Value;
 
 use crate::input::chunked::{Axes, Axis, AxisKind, json, millimetres};
@@ -19,6 +19,10 @@ pub(super) struct Image {
     pub(super) channels: Vec<String>,
     /// Images that the group holds; the first one is this.
     pub(super) images: usize,
+    /// The whole affine of the first level, where this program wrote it: OME-Zarr has no turned axes.
+    pub(super) world_from_first: Option<DAffine3>,
+    /// The unit of physical values, from the same place.
+    pub(super) unit: String,
 }
 
 /// One resolution.
@@ -101,8 +105,27 @@ impl Image {
                 .filter_map(label)
                 .collect(),
             images: list.len(),
+            world_from_first: own_affine(attributes),
+            unit: json::field(json::field(attributes, OWN), "unit")
+                .as_str()
+                .unwrap_or_default()
+                .to_owned(),
         }))
     }
+}
+
+/// Attributes that `extract` writes beside those of OME-Zarr.
+const OWN: &str = "brickscope";
+
+/// Three rows of four numbers, if they are an affine that can be used.
+fn own_affine(attributes: &Value) -> Option<DAffine3> {
+    let rows = json::field(json::field(attributes, OWN), "world_from_index");
+    let rows: [[f64; 4]; 3] = serde_json::from_value(rows.clone()).ok()?;
+    let column = |n: usize| DVec3::new(rows[0][n], rows[1][n], rows[2][n]);
+    let affine = DAffine3::from_cols(column(0), column(1), column(2), column(3));
+    let determinant = affine.matrix3.determinant();
+    let is_sound = affine.is_finite() && determinant.is_finite() && determinant != 0.0;
+    (is_sound && affine.inverse().is_finite()).then_some(affine)
 }
 
 /// The axes; those of versions before 0.4 have names only, or are always the same five.

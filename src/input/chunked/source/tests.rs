@@ -75,6 +75,8 @@ fn counted(chunk: [u64; 4]) -> (Box<dyn VoxelSource>, Reads) {
         },
         spacing: DVec3::ONE,
         origin: DVec3::ZERO,
+        world_from_index: None,
+        unit: String::new(),
         name: "counted".to_owned(),
         notes: Vec::new(),
         is_remote: false,
