@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use brickscope::bench::Turn;
 use brickscope::camera::Camera;
-use brickscope::classify::{grey_ramp, read_paraview};
+use brickscope::classify::{grey_ramp, read_transfer_functions};
 use brickscope::clock::Stopwatch;
 use brickscope::engine::{DeviceChoice, Engine, EngineOptions, InstructionSet};
 use brickscope::scene::{
@@ -168,7 +168,7 @@ impl Kind {
 fn settings(args: &Args, engine: &Engine, kind: Kind) -> Result<PictureSettings, Box<dyn Error>> {
     let (meta, mode) = (engine.meta(), kind.mode());
     let transfer = match &args.tf {
-        Some(path) => read_paraview(path)?.swap_remove(0),
+        Some(path) => read_transfer_functions(path)?.swap_remove(0),
         None => {
             let [low, high] = default_window(meta);
             grey_ramp(low, high, if mode.projects() { 1.0 } else { 0.5 })?

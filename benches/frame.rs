@@ -27,7 +27,7 @@ mod gpu {
     use std::path::PathBuf;
 
     use brickscope::camera::Camera;
-    use brickscope::classify::{grey_ramp, read_paraview};
+    use brickscope::classify::{grey_ramp, read_transfer_functions};
     use brickscope::clock::Stopwatch;
     use brickscope::engine::{DeviceChoice, Engine, EngineOptions, SampleFilter};
     use brickscope::scene::{
@@ -187,7 +187,7 @@ mod gpu {
         let iso = args.iso.unwrap_or(0.5 * (low + high));
         let bounds = volume_bounds(meta.dims, &meta.world_from_index);
         let transfer = match &args.tf {
-            Some(path) => read_paraview(path)?.swap_remove(0),
+            Some(path) => read_transfer_functions(path)?.swap_remove(0),
             None => grey_ramp(low, high, 0.5)?,
         };
         for (name, mode, shaded) in [

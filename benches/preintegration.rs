@@ -60,21 +60,21 @@ fn settings(meta: &StoreMeta, part: f64) -> Result<PictureSettings, Box<dyn Erro
             .physical(meta.value_min + part * (meta.value_max - meta.value_min))
     };
     let color = |x, rgb| ColorPoint { x, rgb };
-    let transfer = TransferFunction {
-        name: "peak".into(),
-        color: ColorCurve::new(
+    let transfer = TransferFunction::new(
+        "peak",
+        ColorCurve::new(
             vec![
                 color(at(part - HALF_WIDTH), [0.9, 0.3, 0.1]),
                 color(at(part + HALF_WIDTH), [0.2, 0.6, 0.9]),
             ],
             ColorSpace::Rgb,
         )?,
-        opacity: OpacityCurve::new(vec![
+        OpacityCurve::new(vec![
             OpacityPoint::linear(at(part - HALF_WIDTH), 0.0),
             OpacityPoint::linear(at(part), 0.8),
             OpacityPoint::linear(at(part + HALF_WIDTH), 0.0),
         ])?,
-    };
+    );
     let bounds = volume_bounds(meta.dims, &meta.world_from_index);
     let camera = Camera::orbit(&bounds, 30.0, 20.0, 1.3, 30.0)?;
     let mut settings = PictureSettings::new(Mode::Dvr, transfer, camera);

@@ -93,9 +93,9 @@ fn constant_opacity(a: f64) -> TransferFunction {
 /// A white one of these opacities at these values.
 fn white(opacities: &[(f64, f64)]) -> TransferFunction {
     let points = opacities.iter().map(|&(x, a)| OpacityPoint::linear(x, a));
-    TransferFunction {
-        name: "white".into(),
-        color: ColorCurve::new(
+    TransferFunction::new(
+        "white",
+        ColorCurve::new(
             vec![ColorPoint {
                 x: 0.0,
                 rgb: [1.0; 3],
@@ -103,8 +103,8 @@ fn white(opacities: &[(f64, f64)]) -> TransferFunction {
             ColorSpace::Rgb,
         )
         .unwrap(),
-        opacity: OpacityCurve::new(points.collect()).unwrap(),
-    }
+        OpacityCurve::new(points.collect()).unwrap(),
+    )
 }
 
 /// Orthographic along −y from the front, `extent` mm high.

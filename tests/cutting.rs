@@ -517,9 +517,9 @@ fn layers_lie_where_they_are_in_a_homogeneous_body() {
         if p.length() < 0.03 { 1.0 } else { 0.8 }
     }));
     let (body, opacity) = (Vec3::new(0.2, 0.5, 0.8), 0.05_f64);
-    let transfer = TransferFunction {
-        name: "body".into(),
-        color: ColorCurve::new(
+    let transfer = TransferFunction::new(
+        "body",
+        ColorCurve::new(
             [-1000.0, 1000.0]
                 .map(|x| ColorPoint {
                     x,
@@ -529,13 +529,13 @@ fn layers_lie_where_they_are_in_a_homogeneous_body() {
             ColorSpace::Rgb,
         )
         .unwrap(),
-        opacity: OpacityCurve::new(
+        OpacityCurve::new(
             [-1000.0, 1000.0]
                 .map(|x| OpacityPoint::linear(x, opacity))
                 .to_vec(),
         )
         .unwrap(),
-    };
+    );
     let eye_y = 119.63;
     let camera = Camera {
         eye: DVec3::new(22.0, eye_y, 21.0),

@@ -85,15 +85,15 @@ impl View {
 fn dense(from: f64, width: f64, color: [f64; 3]) -> anyhow::Result<TransferFunction> {
     let dark = (DVec3::from(color) * 0.3).to_array();
     let point = |x, rgb| ColorPoint { x, rgb };
-    Ok(TransferFunction {
-        name: "dense".into(),
-        color: ColorCurve::new(
+    Ok(TransferFunction::new(
+        "dense",
+        ColorCurve::new(
             vec![point(from, dark), point(from + 3.0 * width, color)],
             ColorSpace::Rgb,
         )?,
-        opacity: OpacityCurve::new(vec![
+        OpacityCurve::new(vec![
             OpacityPoint::linear(from, 0.0),
             OpacityPoint::linear(from + width, 0.5),
         ])?,
-    })
+    ))
 }

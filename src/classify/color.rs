@@ -18,8 +18,14 @@ pub(super) fn mix(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     std::array::from_fn(|i| (1.0 - t) * a[i] + t * b[i])
 }
 
-/// The colour at `t` between `a` and `b` with hue, saturation and value joined linearly, hue by the shorter way round.
+/// The colour at `t` between `a` and `b` with hue, saturation and value joined linearly; the hue, from red over green and
+/// blue to red, never through red.
 pub(super) fn mix_hsv(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
+    rgb_from_hsv(mix(hsv_from_rgb(a), hsv_from_rgb(b), t))
+}
+
+/// As [`mix_hsv`], but hue by the shorter way round.
+pub(super) fn mix_hsv_wrapped(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     let (mut a, mut b) = (hsv_from_rgb(a), hsv_from_rgb(b));
     if (a[0] - b[0]).abs() > 0.5 {
         if a[0] > b[0] {
@@ -212,7 +218,12 @@ mod tests {
             "Lab of red: {l} {a} {b}"
         );
         assert_eq!(
-            bytes(mix_hsv([1.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.5)),
+            bytes(mix_hsv([0.0, 0.0, 1.0], [1.0, 0.0, 0.0], 0.5)),
+            [0, 255, 0],
+            "blue to red is a rainbow, through green"
+        );
+        assert_eq!(
+            bytes(mix_hsv_wrapped([1.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.5)),
             [255, 0, 255],
             "red to blue goes the short way, through magenta"
         );

@@ -5,7 +5,7 @@
 
 use thiserror::Error;
 
-use super::color::{mix, mix_diverging, mix_hsv, mix_lab};
+use super::color::{mix, mix_diverging, mix_hsv, mix_hsv_wrapped, mix_lab};
 
 /// More control points than this in one curve are refused: no one draws them, and files are untrusted.
 pub const MAX_POINTS: usize = 65_536;
@@ -16,8 +16,10 @@ pub enum ColorSpace {
     /// Red, green and blue, linearly.
     #[default]
     Rgb,
-    /// Hue (by the shorter way round), saturation and value, linearly.
+    /// Hue (never through red), saturation and value, linearly.
     Hsv,
+    /// The same with hue by the shorter way round (ParaView's `HSVWrap`).
+    HsvWrapped,
     /// CIE L*a*b*, linearly.
     Lab,
     /// Moreland's diverging maps: through white between distinct saturated colours.
@@ -143,6 +145,7 @@ impl ColorCurve {
         match self.space {
             ColorSpace::Rgb => mix(a.rgb, b.rgb, t),
             ColorSpace::Hsv => mix_hsv(a.rgb, b.rgb, t),
+            ColorSpace::HsvWrapped => mix_hsv_wrapped(a.rgb, b.rgb, t),
             ColorSpace::Lab => mix_lab(a.rgb, b.rgb, t),
             ColorSpace::Diverging => mix_diverging(a.rgb, b.rgb, t),
             ColorSpace::Step => b.rgb,

@@ -1,6 +1,7 @@
 //! What a value looks like: transfer functions, presets, the table that shaders read, and which values can be seen.
 //!
-//! Pure maths on plain arrays: no textures, no files of volumes, no bricks beyond the 512 bits of an [`Occupancy`].
+//! Pure maths on plain arrays, and the files that transfer functions come in: no textures, no files of volumes, no bricks
+//! beyond the 512 bits of an [`Occupancy`].
 //! Curves are in *physical* units (HU for CT); tables and ranges are in *stored* values, the ones in bricks.
 //!
 //! Colours are display values, as VTK and ParaView treat them: no gamma or sRGB conversion anywhere. Opacity holds per
@@ -12,9 +13,9 @@
 mod color;
 mod colormaps;
 mod curve;
+mod files;
 mod lut;
 mod occupancy;
-mod paraview;
 mod preintegrated;
 mod presets;
 mod range_table;
@@ -24,10 +25,13 @@ mod visibility;
 pub use curve::{
     ColorCurve, ColorPoint, ColorSpace, CurveError, MAX_POINTS, OpacityCurve, OpacityPoint,
 };
+pub use files::{
+    TransferFileError, beyond_paraview, parse_transfer_functions, read_transfer_functions,
+    to_paraview,
+};
 pub use lut::{LUT_ENTRIES, Lut, OpacityCorrection};
 pub use occupancy::Occupancy;
-pub use paraview::{TransferFileError, parse_paraview, read_paraview, to_paraview};
 pub use preintegrated::{PreintegratedTable, SegmentTables, TransferIntegrals};
 pub use presets::{Preset, PresetScale};
-pub use transfer::{TransferFunction, grey_ramp, window_range};
+pub use transfer::{Lighting, TransferFunction, grey_ramp, window_range};
 pub use visibility::{IsoValues, OpacityTable, Visibility};

@@ -284,20 +284,20 @@ mod tests {
 
     fn peak(center: f64, width: f64) -> TransferFunction {
         let color = |x, rgb| ColorPoint { x, rgb };
-        TransferFunction {
-            name: "peak".into(),
-            color: ColorCurve::new(
+        TransferFunction::new(
+            "peak",
+            ColorCurve::new(
                 vec![color(0.0, [1.0, 0.0, 0.5]), color(255.0, [0.0, 1.0, 0.5])],
                 ColorSpace::Rgb,
             )
             .unwrap(),
-            opacity: OpacityCurve::new(vec![
+            OpacityCurve::new(vec![
                 OpacityPoint::linear(center - width, 0.0),
                 OpacityPoint::linear(center, 0.9),
                 OpacityPoint::linear(center + width, 0.0),
             ])
             .unwrap(),
-        }
+        )
     }
 
     /// Midpoint rule with many parts, from the definition.

@@ -1,9 +1,13 @@
 //! Transfer functions that come with the program: in Hounsfield units for CT, relative to a range for all else.
 //!
-//! Opacities are meant for an opacity unit of about a voxel. The CT and MR presets are Brickscope's own; colour maps
-//! name their authors.
+//! Opacities are meant for an opacity unit of about a voxel. The presets for CT, MR, ultrasound and PET are Brickscope's
+//! own; colour maps name their authors.
 
-use super::colormaps::{INFERNO, MAGMA, PLASMA, Stop, TURBO, VIRIDIS};
+mod ct;
+mod maps;
+mod relative;
+
+use super::colormaps::Stop;
 use super::curve::{ColorCurve, ColorPoint, ColorSpace, CurveError, OpacityCurve, OpacityPoint};
 use super::transfer::TransferFunction;
 
@@ -42,16 +46,10 @@ enum Colors {
 }
 
 const OWN: &str = "Brickscope's own";
-const CC0: &str = "van der Walt, Smith and Firing; CC0";
 
 const BLACK: [f64; 3] = [0.0, 0.0, 0.0];
 const WHITE: [f64; 3] = [1.0, 1.0, 1.0];
-const BONE: [f64; 3] = [1.0, 0.94, 0.83];
-const MARROW: [f64; 3] = [0.88, 0.60, 0.45];
-const MUSCLE: [f64; 3] = [0.72, 0.25, 0.20];
-const FAT: [f64; 3] = [0.90, 0.78, 0.50];
 const BLOOD: [f64; 3] = [0.80, 0.10, 0.08];
-const LUNG: [f64; 3] = [0.75, 0.45, 0.40];
 
 /// A CT preset: points in HU.
 const fn ct(
@@ -71,8 +69,8 @@ const fn ct(
     }
 }
 
-/// An MR preset: points from 0 to 1.
-const fn mr(
+/// A preset for what has no units: points from 0 to 1.
+const fn relative(
     name: &'static str,
     description: &'static str,
     colors: &'static [(f64, [f64; 3])],
@@ -106,205 +104,43 @@ const fn map(
 impl Preset {
     /// Every preset, in the order in which they are listed.
     pub const ALL: &'static [Self] = &[
-        map(
-            "grey",
-            "black to white over the window or percentile range",
-            OWN,
-            ColorSpace::Rgb,
-            Colors::Points(&[(0.0, BLACK), (1.0, WHITE)]),
-        ),
-        ct(
-            "ct-bone",
-            "CT: bone, soft tissue invisible",
-            &[(150.0, MARROW), (400.0, BONE), (1500.0, WHITE)],
-            &[(150.0, 0.0), (300.0, 0.15), (700.0, 0.60), (1500.0, 0.85)],
-        ),
-        ct(
-            "ct-soft-tissue",
-            "CT: skin and organs, translucent, with bone",
-            &[
-                (-120.0, FAT),
-                (0.0, MUSCLE),
-                (100.0, [0.85, 0.45, 0.35]),
-                (300.0, BONE),
-                (1500.0, WHITE),
-            ],
-            &[
-                (-160.0, 0.0),
-                (-60.0, 0.01),
-                (20.0, 0.06),
-                (80.0, 0.20),
-                (300.0, 0.45),
-                (1500.0, 0.80),
-            ],
-        ),
-        ct(
-            "ct-lung",
-            "CT: lung tissue and its vessels; muscle and bone faint",
-            &[
-                (-950.0, [0.30, 0.45, 0.60]),
-                (-700.0, LUNG),
-                (-400.0, BLOOD),
-                (100.0, MARROW),
-                (1000.0, WHITE),
-            ],
-            &[
-                (-960.0, 0.0),
-                (-850.0, 0.02),
-                (-600.0, 0.04),
-                (-450.0, 0.20),
-                (-250.0, 0.02),
-                (-100.0, 0.0),
-                (150.0, 0.0),
-                (1000.0, 0.05),
-            ],
-        ),
-        ct(
-            "ct-angio",
-            "CT with contrast: vessels red, bone pale",
-            &[
-                (120.0, [0.45, 0.05, 0.05]),
-                (300.0, BLOOD),
-                (480.0, [0.95, 0.60, 0.40]),
-                (700.0, BONE),
-                (1500.0, WHITE),
-            ],
-            &[
-                (130.0, 0.0),
-                (200.0, 0.08),
-                (320.0, 0.45),
-                (600.0, 0.65),
-                (1500.0, 0.85),
-            ],
-        ),
-        ct(
-            "ct-muscle-bone",
-            "CT: muscle and bone, fat removed",
-            &[
-                (-20.0, [0.45, 0.12, 0.10]),
-                (60.0, MUSCLE),
-                (160.0, MARROW),
-                (350.0, BONE),
-                (1500.0, WHITE),
-            ],
-            &[
-                (-10.0, 0.0),
-                (30.0, 0.05),
-                (80.0, 0.25),
-                (200.0, 0.30),
-                (500.0, 0.65),
-                (1500.0, 0.90),
-            ],
-        ),
-        ct(
-            "ct-airways",
-            "CT: the surface between air and tissue: airways, gut, skin",
-            &[
-                (-950.0, [0.35, 0.60, 0.75]),
-                (-600.0, [0.85, 0.75, 0.65]),
-                (-350.0, LUNG),
-            ],
-            &[
-                (-950.0, 0.0),
-                (-750.0, 0.05),
-                (-600.0, 0.25),
-                (-450.0, 0.05),
-                (-350.0, 0.0),
-            ],
-        ),
-        mr(
-            "mr-head",
-            "MR: head with skin, translucent towards the brain",
-            &[
-                (0.10, [0.35, 0.20, 0.15]),
-                (0.35, [0.80, 0.55, 0.45]),
-                (0.60, [0.92, 0.85, 0.75]),
-                (1.00, WHITE),
-            ],
-            &[
-                (0.12, 0.0),
-                (0.25, 0.03),
-                (0.50, 0.15),
-                (0.75, 0.45),
-                (1.0, 0.70),
-            ],
-        ),
-        mr(
-            "mr-angio",
-            "MR angiography: bright vessels only",
-            &[
-                (0.30, [0.40, 0.02, 0.02]),
-                (0.60, BLOOD),
-                (1.00, [1.0, 0.90, 0.75]),
-            ],
-            &[(0.35, 0.0), (0.50, 0.15), (0.75, 0.60), (1.0, 0.90)],
-        ),
-        map(
-            "viridis",
-            "colour map: blue, green, yellow; even lightness",
-            CC0,
-            ColorSpace::Rgb,
-            Colors::Map(&VIRIDIS),
-        ),
-        map(
-            "magma",
-            "colour map: black, purple, pale yellow; even lightness",
-            CC0,
-            ColorSpace::Rgb,
-            Colors::Map(&MAGMA),
-        ),
-        map(
-            "inferno",
-            "colour map: black, red, pale yellow; even lightness",
-            CC0,
-            ColorSpace::Rgb,
-            Colors::Map(&INFERNO),
-        ),
-        map(
-            "plasma",
-            "colour map: blue, magenta, yellow; even lightness",
-            CC0,
-            ColorSpace::Rgb,
-            Colors::Map(&PLASMA),
-        ),
-        map(
-            "turbo",
-            "colour map: a smooth rainbow",
-            "Anton Mikhailov, © 2019 Google LLC; Apache-2.0",
-            ColorSpace::Rgb,
-            Colors::Map(&TURBO),
-        ),
-        map(
-            "cool-warm",
-            "colour map: blue, white, red, for values about a middle",
-            "two end colours of Moreland's map (2009); no rights claimed",
-            ColorSpace::Diverging,
-            Colors::Points(&[(0.0, [0.230, 0.299, 0.754]), (1.0, [0.706, 0.016, 0.150])]),
-        ),
-        map(
-            "hot",
-            "colour map: black, red, yellow, white",
-            "the usual three ramps; no rights claimed",
-            ColorSpace::Rgb,
-            Colors::Points(&[
-                (0.0, [0.0416, 0.0, 0.0]),
-                (0.365079, [1.0, 0.0, 0.0]),
-                (0.746032, [1.0, 1.0, 0.0]),
-                (1.0, WHITE),
-            ]),
-        ),
-        map(
-            "bone",
-            "colour map: grey with a tinge of blue",
-            "the usual three ramps; no rights claimed",
-            ColorSpace::Rgb,
-            Colors::Points(&[
-                (0.0, BLACK),
-                (0.365079, [0.319444, 0.319444, 0.444444]),
-                (0.746032, [0.652778, 0.777778, 0.777778]),
-                (1.0, WHITE),
-            ]),
-        ),
+        maps::GREY,
+        ct::BONE,
+        ct::SOFT_TISSUE,
+        ct::LUNG,
+        ct::ANGIO,
+        ct::MUSCLE_BONE,
+        ct::AIRWAYS,
+        ct::BONE_CUT,
+        ct::AORTA,
+        ct::CARDIAC,
+        ct::CORONARY,
+        ct::CHEST_CONTRAST,
+        ct::CHEST_VESSELS,
+        ct::PULMONARY,
+        ct::LIVER_VESSELS,
+        ct::FAT_LAYER,
+        ct::MUSCLE_LAYER,
+        ct::SKIN,
+        ct::AIR,
+        ct::MIP,
+        ct::XRAY,
+        relative::HEAD,
+        relative::ANGIO,
+        relative::SOFT,
+        relative::MIP,
+        relative::T2_BRAIN,
+        relative::FA_BRAIN,
+        relative::FETUS,
+        relative::UPTAKE,
+        maps::VIRIDIS,
+        maps::MAGMA,
+        maps::INFERNO,
+        maps::PLASMA,
+        maps::TURBO,
+        maps::COOL_WARM,
+        maps::HOT,
+        maps::BONE,
     ];
 
     /// The preset of this name (case does not matter).
@@ -351,11 +187,11 @@ impl Preset {
             .iter()
             .map(|&(x, a)| OpacityPoint::linear(x, a))
             .collect();
-        let tf = TransferFunction {
-            name: self.name.to_owned(),
-            color: ColorCurve::new(colors, self.space)?,
-            opacity: OpacityCurve::new(opacity)?,
-        };
+        let tf = TransferFunction::new(
+            self.name,
+            ColorCurve::new(colors, self.space)?,
+            OpacityCurve::new(opacity)?,
+        );
         match self.scale {
             PresetScale::Hounsfield => Ok(tf),
             PresetScale::Relative => tf.stretched(range),

@@ -2,7 +2,7 @@
 
 use super::curve::{ColorCurve, ColorPoint, ColorSpace, CurveError, OpacityCurve, OpacityPoint};
 
-/// Colour and opacity over the physical value.
+/// Colour and opacity over the physical value, and what a file may say besides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferFunction {
     /// What to call it; may be empty.
@@ -11,9 +11,50 @@ pub struct TransferFunction {
     pub color: ColorCurve,
     /// Opacity per opacity unit of length.
     pub opacity: OpacityCurve,
+    /// What the opacity is multiplied by, over the magnitude of the gradient: physical units per mean spacing of the voxels,
+    /// as VTK and 3D Slicer take it (the change per mm times the mean of the three spacings). `None`: 1 everywhere.
+    pub gradient_opacity: Option<OpacityCurve>,
+    /// Length for which the opacity holds, mm, above 0.
+    pub opacity_unit_mm: Option<f64>,
+    /// How the material answers light.
+    pub lighting: Option<Lighting>,
+    /// Are samples lit?
+    pub shade: Option<bool>,
+    /// Is it meant for the values of the nearest voxels, not for values between them?
+    pub nearest: bool,
+    /// Does x run from 0 to 1 over a range that is chosen with the picture? See [`TransferFunction::placed`].
+    pub relative: bool,
+}
+
+/// How a material answers light: Phong's factors, all at least 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lighting {
+    /// Share of the colour that is there without light.
+    pub ambient: f64,
+    /// Share of the colour under perpendicular light.
+    pub diffuse: f64,
+    /// Brightness of the highlight.
+    pub specular: f64,
+    /// Exponent of the highlight.
+    pub shininess: f64,
 }
 
 impl TransferFunction {
+    /// Two curves and nothing besides.
+    pub fn new(name: impl Into<String>, color: ColorCurve, opacity: OpacityCurve) -> Self {
+        Self {
+            name: name.into(),
+            color,
+            opacity,
+            gradient_opacity: None,
+            opacity_unit_mm: None,
+            lighting: None,
+            shade: None,
+            nearest: false,
+            relative: false,
+        }
+    }
+
     /// Red, green, blue and opacity (not premultiplied) at `x`, physical.
     pub fn eval(&self, x: f64) -> [f64; 4] {
         let [r, g, b] = self.color.eval(x);
@@ -33,7 +74,6 @@ impl TransferFunction {
     pub fn stretched(&self, [lo, hi]: [f64; 2]) -> Result<Self, CurveError> {
         let place = |x: f64| lo + x * (hi - lo);
         Ok(Self {
-            name: self.name.clone(),
             color: ColorCurve::new(
                 self.color
                     .points()
@@ -55,7 +95,34 @@ impl TransferFunction {
                     })
                     .collect(),
             )?,
+            ..self.clone()
         })
+    }
+
+    /// The function in physical units. A relative one is laid over `range`, and its opacity, a line from 0 to 1, ends at
+    /// `ramp_top`, as that of the relative presets without an opacity of their own; any other stays as it is.
+    ///
+    /// # Errors
+    /// The function is relative and the range is reversed or not finite, or `ramp_top` is not in 0…1.
+    pub fn placed(self, range: [f64; 2], ramp_top: f64) -> Result<Self, CurveError> {
+        if !self.relative {
+            return Ok(self);
+        }
+        let points = self.opacity.points().iter();
+        let opacity = OpacityCurve::new(
+            points
+                .map(|p| OpacityPoint {
+                    opacity: p.opacity * ramp_top,
+                    ..*p
+                })
+                .collect(),
+        )?;
+        Self {
+            opacity,
+            relative: false,
+            ..self
+        }
+        .stretched(range)
     }
 }
 
@@ -65,9 +132,9 @@ impl TransferFunction {
 /// # Errors
 /// `lo > hi`, not finite, or `top_opacity` outside 0…1.
 pub fn grey_ramp(lo: f64, hi: f64, top_opacity: f64) -> Result<TransferFunction, CurveError> {
-    Ok(TransferFunction {
-        name: "grey".to_owned(),
-        color: ColorCurve::new(
+    Ok(TransferFunction::new(
+        "grey",
+        ColorCurve::new(
             vec![
                 ColorPoint {
                     x: lo,
@@ -80,11 +147,11 @@ pub fn grey_ramp(lo: f64, hi: f64, top_opacity: f64) -> Result<TransferFunction,
             ],
             ColorSpace::Rgb,
         )?,
-        opacity: OpacityCurve::new(vec![
+        OpacityCurve::new(vec![
             OpacityPoint::linear(lo, 0.0),
             OpacityPoint::linear(hi, top_opacity),
         ])?,
-    })
+    ))
 }
 
 /// The range of `--window CENTER,WIDTH`: from centre − width/2 to centre + width/2, physical. `None` unless both are
@@ -121,5 +188,26 @@ mod tests {
         let tf = unit.stretched([-100.0, 300.0]).unwrap();
         assert_eq!(tf.extent(), [-100.0, 300.0], "extent");
         assert_eq!(tf.eval(100.0), unit.eval(0.5), "middle");
+    }
+
+    #[test]
+    fn only_relative_functions_are_placed() {
+        let grey = grey_ramp(0.0, 1.0, 1.0).unwrap();
+        let range = [-100.0, 300.0];
+        assert_eq!(
+            grey.clone().placed(range, 0.5).unwrap(),
+            grey,
+            "physical: as it is"
+        );
+        let relative = TransferFunction {
+            relative: true,
+            ..grey
+        };
+        assert_eq!(
+            relative.clone().placed(range, 0.5).unwrap(),
+            grey_ramp(-100.0, 300.0, 0.5).unwrap(),
+            "relative: over the range, up to the top"
+        );
+        assert!(relative.placed([1.0, 0.0], 0.5).is_err(), "reversed");
     }
 }

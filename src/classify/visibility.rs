@@ -200,9 +200,9 @@ mod tests {
                 ..OpacityPoint::linear(x, 0.0)
             })
             .collect();
-        TransferFunction {
-            name: String::new(),
-            color: ColorCurve::new(
+        TransferFunction::new(
+            "",
+            ColorCurve::new(
                 vec![ColorPoint {
                     x: 0.0,
                     rgb: [1.0; 3],
@@ -210,8 +210,8 @@ mod tests {
                 ColorSpace::Rgb,
             )
             .unwrap(),
-            opacity: OpacityCurve::new(points).unwrap(),
-        }
+            OpacityCurve::new(points).unwrap(),
+        )
     }
 
     fn lut(points: &[(f64, f64, f64)], domain: [f64; 2]) -> Lut {

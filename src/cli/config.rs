@@ -1,20 +1,19 @@
 //! What was typed about a picture, and what it means for a volume: names looked up, defaults filled in, files read.
 
-use std::path::PathBuf;
-
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::ValueEnum;
 use glam::DVec3;
 
 use super::args::{self, AaArg, ByteSize, IsoSurfaces};
 use super::geometry::GeometryArgs;
+use super::transfer::{TransferArgs, not_drawn, title};
 use crate::camera::{Camera, Projection};
-use crate::classify::{Preset, TransferFunction, grey_ramp, read_paraview, window_range};
+use crate::classify::TransferFunction;
 use crate::engine::{DeviceChoice, EngineOptions};
 use crate::scene::{
     AntiAliasing, Background, Classification, GradientFilter, Interpolation, IsoSurface, Jitter,
     LodChoice, Mode, PictureSettings, Quality, SamplePattern, Shading, ShadingModel, Technique,
-    TransferMode, default_window,
+    TransferMode,
 };
 use crate::store::StoreMeta;
 
@@ -143,79 +142,6 @@ impl MachineArgs {
     }
 }
 
-/// From values to colour and opacity, as typed.
-#[derive(Clone, Debug, clap::Args)]
-pub(super) struct TransferArgs {
-    /// Transfer function: a name of 'brickscope presets', or a ParaView JSON file
-    #[arg(long, value_name = "NAME|FILE.json", help_heading = "Classification")]
-    tf: Option<String>,
-    /// Grey ramp, or the range of a relative preset, physical
-    #[arg(long, value_name = "CENTER,WIDTH", value_parser = args::pair, help_heading = "Classification")]
-    window: Option<[f64; 2]>,
-    /// Length for which the opacity holds [default: the smallest spacing]
-    #[arg(long, value_name = "MM", value_parser = args::positive, help_heading = "Classification")]
-    opacity_unit: Option<f64>,
-}
-
-impl TransferArgs {
-    /// Length for which the opacity holds, mm.
-    pub(super) fn opacity_unit_mm(&self) -> Option<f64> {
-        self.opacity_unit
-    }
-
-    /// The function that is meant, for the volume of `meta` in a mode. Remarks for the user go into `notes`.
-    ///
-    /// # Errors
-    /// A file can't be read, or a name is unknown.
-    pub(super) fn function(
-        &self,
-        mode: Mode,
-        meta: &StoreMeta,
-        notes: &mut Vec<String>,
-    ) -> anyhow::Result<TransferFunction> {
-        let range = match self.window {
-            Some([center, width]) => window_range(center, width).with_context(|| {
-                format!("--window {center},{width}: expected a centre and a width above 0")
-            })?,
-            None => default_window(meta),
-        };
-        // Mode xray knows but the place in a window: the one that was typed, or else the function's.
-        if mode == Mode::Xray && self.window.is_some() {
-            return Ok(grey_ramp(range[0], range[1], 1.0)?);
-        }
-        // cli.md, "Colour": a ramp is half opaque at its end, except where the look-up is a projection's only one.
-        let top_opacity = if mode.classifies_whole_range() {
-            1.0
-        } else {
-            0.5
-        };
-        let Some(name) = &self.tf else {
-            return Ok(grey_ramp(range[0], range[1], top_opacity)?);
-        };
-        if let Some(preset) = Preset::find(name) {
-            return preset
-                .instantiate(range, top_opacity)
-                .with_context(|| format!("--tf {name}"));
-        }
-        let path = PathBuf::from(name);
-        if !name.ends_with(".json") && !path.exists() {
-            bail!(
-                "--tf {name}: no such preset or file; presets are {}",
-                Preset::names()
-            );
-        }
-        let mut functions = read_paraview(&path)?;
-        if functions.len() > 1 {
-            notes.push(format!(
-                "{name} holds {} transfer functions; using the first, '{}'",
-                functions.len(),
-                functions[0].name
-            ));
-        }
-        Ok(functions.swap_remove(0))
-    }
-}
-
 /// The flags of a picture but for where it is taken from, as typed.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct LookArgs {
@@ -251,22 +177,22 @@ pub(super) struct LookArgs {
     )]
     tf_mode: TfModeArg,
 
-    /// Lighting [default: phong for iso and gradient, none otherwise]
+    /// Lighting [default: phong for iso and gradient, none otherwise; dvr: as the file of --tf says]
     #[arg(long, value_enum, help_heading = "Light")]
     shading: Option<ShadingArg>,
     /// Direction in which the light shines, world [default: along each ray]
     #[arg(long, value_name = "dx,dy,dz", value_parser = args::vec3, help_heading = "Light")]
     light: Option<DVec3>,
-    /// Share of the colour that needs no light
+    /// Share of the colour that needs no light [default: as the file of --tf says, else 0.15]
     #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
     ambient: Option<f64>,
-    /// Share of the colour under perpendicular light
+    /// Share of the colour under perpendicular light [default: as the file of --tf says, else 0.8]
     #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
     diffuse: Option<f64>,
-    /// Brightness of the highlight
+    /// Brightness of the highlight [default: as the file of --tf says, else 0.15, in mode gradient 0]
     #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
     specular: Option<f64>,
-    /// Sharpness of the highlight
+    /// Sharpness of the highlight [default: as the file of --tf says, else 20]
     #[arg(long, value_parser = args::not_negative, help_heading = "Light")]
     shininess: Option<f64>,
 
@@ -417,20 +343,29 @@ impl LookArgs {
         if self.aa == Some(AaArg::Off) && self.samples.is_some_and(|s| s != SamplePattern::One) {
             notes.push("--aa off: one ray of a pixel, whatever --samples says".into());
         }
+        let transfer = self.transfer.function(mode, meta, notes)?;
+        notes.extend(not_drawn(&transfer));
+        if transfer.nearest && self.interpolation == InterpolationArg::Linear {
+            notes.push(format!(
+                "{} is meant for --interpolation nearest",
+                title(&transfer)
+            ));
+        }
+        let shading = self.shading(mode, &transfer)?;
         Ok(PictureSettings {
             size: self.size,
             background: self.background,
             mode,
             classification: Classification {
-                transfer: self.transfer.function(mode, meta, notes)?,
-                opacity_unit_mm: self.transfer.opacity_unit_mm(),
+                opacity_unit_mm: self.transfer.opacity_unit_mm(&transfer),
+                transfer,
                 iso,
                 transfer_mode: match self.tf_mode {
                     TfModeArg::Post => TransferMode::Post,
                     TfModeArg::Preintegrated => TransferMode::Preintegrated,
                 },
             },
-            shading: self.shading(mode)?,
+            shading,
             step: self.step.unwrap_or(step),
             moving_step,
             jitter: match self.jitter {
@@ -460,12 +395,22 @@ impl LookArgs {
         })
     }
 
-    fn shading(&self, mode: Mode) -> anyhow::Result<Shading> {
-        let default = Shading::of_mode(mode);
-        let model = match self.shading {
-            Some(ShadingArg::None) => ShadingModel::None,
-            Some(ShadingArg::Phong) => ShadingModel::Phong,
-            None => default.model,
+    /// What was typed, or else what the transfer function says, or else the mode's default.
+    fn shading(&self, mode: Mode, transfer: &TransferFunction) -> anyhow::Result<Shading> {
+        let mut default = Shading::of_mode(mode);
+        if let Some(lighting) = transfer.lighting {
+            default.ambient = lighting.ambient as f32;
+            default.diffuse = lighting.diffuse as f32;
+            default.specular = lighting.specular as f32;
+            default.shininess = lighting.shininess as f32;
+        }
+        // A surface without light has no shape: in modes iso and gradient it takes a flag to go without.
+        let model = match (self.shading, transfer.shade) {
+            (Some(ShadingArg::None), _) => ShadingModel::None,
+            (Some(ShadingArg::Phong), _) => ShadingModel::Phong,
+            (None, Some(true)) if mode == Mode::Dvr => ShadingModel::Phong,
+            (None, Some(false)) if mode == Mode::Dvr => ShadingModel::None,
+            (None, _) => default.model,
         };
         if self.light.is_some_and(|d| d == DVec3::ZERO) {
             bail!("--light 0,0,0 has no direction");

@@ -9,6 +9,7 @@ mod cmd;
 mod config;
 mod geometry;
 mod picture;
+mod transfer;
 
 use std::ffi::OsString;
 use std::io::{self, Write};

@@ -114,6 +114,95 @@ fn presets_are_listed_and_render_takes_them() {
 }
 
 #[test]
+fn presets_writes_paraview_json_that_render_takes() {
+    let folder = Folder::new();
+    let store = folder.brick("phantom:sponge:32,32,32", "s.bsk");
+    let run = folder
+        .run(&["presets", "--tf", "ct-bone", "-o", "bone.json"])
+        .expect(0);
+    assert_eq!(
+        (run.stdout.as_str(), run.stderr.as_str()),
+        ("bone.json: ct-bone\n", ""),
+        "says what is written"
+    );
+    let picture = |tf: &str, out: &str, more: &[&str]| {
+        let args = [
+            "render", store, "-o", out, "--size", "16x16", "--device", "cpu", "--tf", tf,
+        ];
+        let run = folder.run(&[&args, more].concat()).expect(0);
+        (fs::read(folder.file(out)).expect("the picture"), run.stderr)
+    };
+    assert_eq!(
+        picture("ct-bone", "a.png", &[]).0,
+        picture("bone.json", "b.png", &[]).0,
+        "the preset and its file look the same"
+    );
+
+    // A volume property of 3D Slicer, with gradient opacity and lighting.
+    let vp = "1\n1\n0.7\n0.3\n0.1\n5\n4 0 0 200 0.5\n4 0 0 30 1\n8 0 0.1 0 0 200 1 0.9 0.8\n";
+    folder.write("my.vp", vp.as_bytes());
+    let (as_said, notes) = picture("my.vp", "c.png", &[]);
+    assert!(
+        notes.contains("my has gradient opacity, which is not drawn yet"),
+        "{notes}"
+    );
+    let light = [
+        "--shading",
+        "phong",
+        "--diffuse",
+        "0.7",
+        "--ambient",
+        "0.3",
+        "--specular",
+        "0.1",
+        "--shininess",
+        "5",
+    ];
+    assert!(
+        as_said == picture("my.vp", "d.png", &light).0,
+        "the file's light is that of these flags"
+    );
+    assert!(
+        as_said != picture("my.vp", "e.png", &["--shading", "none"]).0,
+        "flags go before the file"
+    );
+    let args = ["presets", "--tf", "my.vp", "-o", "bone.json"];
+    let refused = folder.run(&args).expect(2);
+    assert!(refused.stderr.contains("--force"), "{}", refused.stderr);
+    let run = folder.run(&[&args[..], &["--force"]].concat()).expect(0);
+    assert!(
+        run.stderr.contains("gradient opacity, lighting, shading"),
+        "what is left out: {}",
+        run.stderr
+    );
+    assert_eq!(
+        picture("bone.json", "f.png", &light).0,
+        as_said,
+        "the same curves"
+    );
+
+    // A table of ImageJ lies over the window.
+    let greys: Vec<u8> = (0..3).flat_map(|_| 0..=255).collect();
+    folder.write("grey.lut", &greys);
+    assert!(
+        picture("grey.lut", "g.png", &["--window", "100,200"]).0
+            != picture("grey.lut", "h.png", &["--window", "200,50"]).0,
+        "the window matters"
+    );
+    for args in [
+        &["presets", "--tf", "ct-bone"][..],
+        &["presets", "-o", "x.json"],
+        &["presets", "--force"],
+        &["presets", "--json", "--tf", "ct-bone", "-o", "x.json"],
+        &["presets", "--tf", "ct-bones", "-o", "x.json"],
+        &["presets", "--tf", "none.vp", "-o", "x.json"],
+    ] {
+        folder.run(args).expect(2);
+    }
+    assert!(!folder.file("x.json").exists(), "nothing half-done");
+}
+
+#[test]
 fn render_writes_picture_and_statistics() {
     let folder = Folder::new();
     let store = folder.brick("phantom:body:48,48,48:u16", "body.bsk");

@@ -133,9 +133,9 @@ pub fn transfer(store: &Store, from: f64) -> TransferFunction {
         (0.8, 0.5),
         (1.0, 0.7),
     ];
-    TransferFunction {
-        name: "test".into(),
-        color: ColorCurve::new(
+    TransferFunction::new(
+        "test",
+        ColorCurve::new(
             colors
                 .iter()
                 .map(|&(x, rgb)| ColorPoint { x: at(x), rgb })
@@ -143,14 +143,14 @@ pub fn transfer(store: &Store, from: f64) -> TransferFunction {
             ColorSpace::Rgb,
         )
         .expect("rising points"),
-        opacity: OpacityCurve::new(
+        OpacityCurve::new(
             opacities
                 .iter()
                 .map(|&(x, a)| OpacityPoint::linear(at(x), a))
                 .collect(),
         )
         .expect("rising points"),
-    }
+    )
 }
 
 /// A picture of `store`: 128², step 0.5, orbit 35, 20; iso at half of the range.

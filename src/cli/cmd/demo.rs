@@ -144,20 +144,20 @@ fn tissues(full: f64) -> Result<TransferFunction, CurveError> {
         (0.68, 0.5),
         (0.85, 0.9),
     ];
-    Ok(TransferFunction {
-        name: "demo".into(),
-        color: ColorCurve::new(
+    Ok(TransferFunction::new(
+        "demo",
+        ColorCurve::new(
             colors
                 .iter()
                 .map(|&(x, rgb)| ColorPoint { x: x * full, rgb })
                 .collect(),
             ColorSpace::Rgb,
         )?,
-        opacity: OpacityCurve::new(
+        OpacityCurve::new(
             opacities
                 .iter()
                 .map(|&(x, a)| OpacityPoint::linear(x * full, a))
                 .collect(),
         )?,
-    })
+    ))
 }

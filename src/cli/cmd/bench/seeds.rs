@@ -10,7 +10,8 @@ use super::note_fallback;
 use super::output::{OutputArgs, note};
 use crate::bench::{SeedJob, SeedPictures, SeedRow, SeedTable, sheet, vol_name};
 use crate::cli::args;
-use crate::cli::config::{MachineArgs, TransferArgs};
+use crate::cli::config::MachineArgs;
+use crate::cli::transfer::{TransferArgs, not_drawn};
 use crate::engine::Engine;
 use crate::geom::Lod;
 use crate::scene::{LodChoice, Mode, SceneError, default_window};
@@ -191,10 +192,11 @@ impl Args {
         let composited = self.transfer.function(Mode::Dvr, meta, notes)?;
         // What there was to say has been said.
         let projected = self.transfer.function(Mode::Mip, meta, &mut Vec::new())?;
+        notes.extend(not_drawn(&composited));
         Ok(SeedPictures {
+            opacity_unit_mm: self.transfer.opacity_unit_mm(&composited),
             composited,
             projected,
-            opacity_unit_mm: self.transfer.opacity_unit_mm(),
             iso: self
                 .iso(vol)
                 .unwrap_or_else(|| SeedPictures::default_iso(meta)),
