@@ -70,7 +70,10 @@ struct Volume {
 }
 
 enum Kind {
-    Image { image: Image, key: &'static str },
+    Image {
+        image: Box<Image>,
+        key: &'static str,
+    },
     Array,
 }
 
@@ -96,7 +99,10 @@ impl Volume {
                 if !image.levels.is_empty() {
                     return Ok(Self {
                         store: group,
-                        kind: Kind::Image { image, key },
+                        kind: Kind::Image {
+                            image: Box::new(image),
+                            key,
+                        },
                         name: store.name(),
                         notes: Vec::new(),
                     });
@@ -148,7 +154,10 @@ impl Volume {
             }
             return Ok(Self {
                 store,
-                kind: Kind::Image { image, key },
+                kind: Kind::Image {
+                    image: Box::new(image),
+                    key,
+                },
                 name,
                 notes,
             });
@@ -196,7 +205,10 @@ impl Volume {
             if let Some(image) = Image::parse(&Subject::new(&place), &attributes)? {
                 return Ok(Self {
                     store,
-                    kind: Kind::Image { image, key },
+                    kind: Kind::Image {
+                        image: Box::new(image),
+                        key,
+                    },
                     name,
                     notes,
                 });
